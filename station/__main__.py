@@ -62,9 +62,8 @@ LARGE_HEAP = 50_000
 )
 @click.version_option(package_name="calibration-station")
 @click.option(
-    "--simulate", is_flag=True,
-    help="Work with the simulated bench.  [also for: focus, session resume, devices, serve]",
-)  # fmt: skip
+    "--simulate", is_flag=True, help="Work with the simulated bench.  [also for: focus, session resume, devices, serve]"
+)
 @click.option("--shaker", is_flag=True, help="With --simulate: the bench has a shaker.  [also for: devices, serve]")
 @click.option(
     "--speed", type=FiniteNumber(min=0.1, max=1000.0), default=1.0,

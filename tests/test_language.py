@@ -73,25 +73,16 @@ def test_a_refused_word_occurs_only_where_it_is_a_contract(word):
     assert {name: count for name, count in counts.items() if count} == ALLOWED.get(word, {})
 
 
-def test_exceptions_are_few_and_in_the_vocabulary():
+def test_exceptions_are_few_and_names_mean_one_thing():
     assert set(ALLOWED) <= set(refused_words())
     assert all(sum(files.values()) < 20 for files in ALLOWED.values())
-
-
-def test_docstrings_name_what_they_describe():
     lines = ((name, line.strip()) for name, text in sources().items() for line in text.splitlines())
     assert [(name, line) for name, line in lines if OPENINGS.search(line)] == []
-
-
-def test_names_are_no_participles():
     names = []
     for name, text in sources().items():
         tokens = tokenize.generate_tokens(iter(text.splitlines(keepends=True)).__next__)
         names += [(name, one.start[0], one.string) for one in tokens if one.string in PARTICIPLES]
     assert names == []
-
-
-def test_one_class_name_means_one_thing():
     trees = (ast.parse(text) for text in sources().values())
     classes = Counter(node.name for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef))
     assert {name for name, count in classes.items() if count > 1} == SHARED_CLASS_NAMES

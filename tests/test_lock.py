@@ -26,7 +26,7 @@ def locked():
     return found
 
 
-def test_lock_has_a_fitting_version_of_all_that_is_asked_for(locked):
+def test_the_lock_has_a_fitting_version_of_all_and_no_place_to_load_from(locked):
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     asked = [*project["dependencies"], *(one for extra in EXTRAS for one in project["optional-dependencies"][extra])]
     for words in asked:
@@ -34,9 +34,6 @@ def test_lock_has_a_fitting_version_of_all_that_is_asked_for(locked):
         name = re.sub(r"[-_.]+", "-", requirement.name).lower()
         assert name in locked, f"{words}: write the lock file again, as its head says"
         assert requirement.specifier.contains(locked[name]), f"{words}: the lock file has {locked[name]}"
-
-
-def test_lock_tells_no_place_to_load_from(locked):
     assert len(locked) > 20
     text = LOCK.read_text()
     assert not re.search(r"https?:|\b[a-z-]+\.(org|com|net|io|dev)\b", text)

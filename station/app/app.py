@@ -6,6 +6,7 @@ import inspect
 import sys
 from collections.abc import Callable
 from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -18,24 +19,8 @@ from textual.message import Message
 from textual.screen import Screen
 from textual.widgets import Input, OptionList
 
+from station.app import commands
 from station.app.bars import DeviceBar, KeyLine
-from station.app.commands import (
-    BY_NAME,
-    EVERYWHERE,
-    Command,
-    CommandsByName,
-    EndRun,
-    Leave,
-    NewSession,
-    ShowBench,
-    ShowFocus,
-    ShowGuide,
-    ShowHelp,
-    ShowPalette,
-    ShowResults,
-    StopEverything,
-    bindings,
-)
 from station.app.screens.dialogs import Choose, Help
 from station.app.screens.parts import StationScreen
 from station.app.screens.start import StartScreen
@@ -54,18 +39,14 @@ STAY, AFTER_THIS, NOW = range(3)
 
 
 def share_the_lock() -> None:
-    """Let threads alternate every half millisecond.
-
-    A paint releases the interpreter lock about fifty times to poll for input, and waits this interval each time until
-    an estimate releases it. The default is 5 ms.
-    """
+    """Let threads alternate every half millisecond. A paint releases the interpreter lock about fifty times to poll for
+    input, and waits this interval each time until an estimate releases it. The default is 5 ms."""
     sys.setswitchinterval(0.0005)
 
 
 class Palette(CommandPalette):
     """Textual's palette without three of its errors: paging through a list that is not drawn yet, keys handled after
-    Enter has closed it, and a search that begins after it has closed.
-    """
+    Enter has closed it, and a search that begins after it has closed."""
 
     @work(exclusive=True, group=CommandPalette._GATHER_COMMANDS_GROUP)
     async def _gather_commands(self, search_value: str) -> None:
@@ -92,8 +73,8 @@ class StationApp(WorkingApp):
 
     TITLE = "Calibration station"
     ENABLE_COMMAND_PALETTE = False  # ours is opened by a command
-    COMMANDS: ClassVar[set[type[Provider] | Callable[[], type[Provider]]]] = {CommandsByName}
-    BINDINGS: ClassVar[list[BindingType]] = bindings(EVERYWHERE)
+    COMMANDS: ClassVar[set[type[Provider] | Callable[[], type[Provider]]]] = {commands.CommandsByName}
+    BINDINGS: ClassVar[list[BindingType]] = commands.bindings(commands.EVERYWHERE)
     DEFAULT_MODE = GUIDE
     HORIZONTAL_BREAKPOINTS = [(0, "-tiny"), (60, "-narrow"), (110, "-wide")]  # noqa: RUF012 - Textual declares it so
     VERTICAL_BREAKPOINTS = [(0, "-low"), (15, "-high")]  # noqa: RUF012
@@ -105,15 +86,13 @@ class StationApp(WorkingApp):
         super().__init__(lab, glyphs, graphics)
         self.animation_level = "none"  # an animated page is painted twenty times, perhaps over ssh
         self.add_mode(GUIDE, lambda: StartScreen(*lab.names, plan))
-        self.add_mode(BENCH, lambda: self._styled(_bench_screen()))
-        self.add_mode(FOCUS, lambda: self._styled(_focus_screen()))
-        self.add_mode(RESULTS, lambda: self._styled(_results_screen(lab.sessions)))
+        self.add_mode(BENCH, lambda: self._styled(_screen("Bench")))
+        self.add_mode(FOCUS, lambda: self._styled(_screen("Focus")))
+        self.add_mode(RESULTS, lambda: self._styled(_screen("Results", lab.sessions)))
 
     def _styled(self, screen: Screen[Any]) -> Screen[Any]:
-        """Mark the styles of a screen as up to date.
-
-        Textual would otherwise read the stylesheet again when a mode is first shown, which blocks the loop for 0.1 s.
-        """
+        """Mark the styles of a screen as up to date. Textual would otherwise read the stylesheet again when a mode is
+        first shown, which blocks the loop for 0.1 s."""
         screen._css_update_count = self._css_update_count
         return screen
 
@@ -122,45 +101,45 @@ class StationApp(WorkingApp):
         if not (isinstance(error, NoMatches) and self.return_code is not None):
             super()._handle_exception(error)
 
-    # --- commands ------------------------------------------------------------------------------------------------
-
-    def offered(self) -> list[type[Command]]:
+    def offered(self) -> list[type[commands.Command]]:
         """The available commands: first the way back to the guide, then the screen's and those of every screen."""
         front = self.front
         here = [command for command in front.COMMANDS_HERE if front.can(command)]
-        stop, help_, *others = (command for command in EVERYWHERE if self._can(command))
-        back = [command for command in others if command is ShowGuide]
+        modes = {
+            commands.ShowGuide: GUIDE,
+            commands.ShowBench: BENCH,
+            commands.ShowFocus: FOCUS,
+            commands.ShowResults: RESULTS,
+        }
+        away = [command for command in commands.EVERYWHERE if modes.get(command) != self.current_mode]
+        if all(self.running(name) is None for name in ("run", "by hand", "focus")):
+            away.remove(commands.EndRun)
+        stop, help_, *others = away
+        back = [command for command in others if command is commands.ShowGuide]
         return [stop, help_, *back, *here, *(command for command in others if command not in back)]
 
-    def _can(self, command: type[Command]) -> bool:
-        if command is EndRun:
-            return any(self.running(name) is not None for name in ("run", "by hand", "focus"))
-        modes = {ShowGuide: GUIDE, ShowBench: BENCH, ShowFocus: FOCUS, ShowResults: RESULTS}
-        return modes.get(command) != self.current_mode
-
     async def action_command(self, name: str) -> None:
-        """Give a command, to the current screen first."""
-        command = BY_NAME[name]
-        if command is StopEverything:
+        command = commands.BY_NAME[name]
+        if command is commands.StopEverything:
             self.stop_everything()
         elif command in self.offered() or command.urgent:
             self.front.post_message(command())
         else:
             self.notify(self.bench_taken or "That command is not available now.", markup=False)
 
-    @on(ShowGuide)
+    @on(commands.ShowGuide)
     def _show_guide(self) -> None:
         self._show_mode(GUIDE)
 
-    @on(ShowBench)
+    @on(commands.ShowBench)
     def _show_bench(self) -> None:
         self._show_mode(BENCH)
 
-    @on(ShowFocus)
+    @on(commands.ShowFocus)
     def _show_focus(self) -> None:
         self._show_mode(FOCUS)
 
-    @on(ShowResults)
+    @on(commands.ShowResults)
     def _show_results(self) -> None:
         self._show_mode(RESULTS)
 
@@ -171,16 +150,16 @@ class StationApp(WorkingApp):
         else:
             self.switch_mode(mode)
 
-    @on(ShowHelp)
+    @on(commands.ShowHelp)
     def _show_help(self) -> None:
         self.push_screen(Help(self.offered(), self.front.question_help()))
 
-    @on(ShowPalette)
+    @on(commands.ShowPalette)
     def _show_palette(self) -> None:
         if not isinstance(self.screen, CommandPalette):
             self.push_screen(Palette())
 
-    @on(NewSession)
+    @on(commands.NewSession)
     def _new_session(self) -> None:
         if self._guide is not None and self.front is self._guide:
             self._guide = self._session = None
@@ -188,7 +167,7 @@ class StationApp(WorkingApp):
             self.pop_screen()
             self._start("sessions", self.lab.kept)
 
-    @on(Leave)
+    @on(commands.Leave)
     def _leave(self) -> None:
         if self.running("run") is None and self.running("by hand") is None:
             self.exit(0)
@@ -206,10 +185,7 @@ class StationApp(WorkingApp):
                 self.set_timer(END_TIMEOUT_S, lambda: self.exit(EXIT_DEVICE))
             self._end_run_then_go_on()
 
-    # --- the frame of every screen ---------------------------------------------------------------------------------
-
     def fill_frame(self, screen: StationScreen) -> None:
-        """Update title, devices and keys of a screen."""
         if screen.is_mounted:
             title = " - ".join(part for part in (self.TITLE, self._subject) if part)
             words = literal(f" {self._alarm} ", "bold reverse") if self._alarm else literal(f" {title}")
@@ -218,19 +194,8 @@ class StationApp(WorkingApp):
             screen.query_one(KeyLine).show()
 
 
-def _bench_screen() -> Screen[Any]:
-    from station.app.screens.bench import BenchScreen
-
-    return BenchScreen()
-
-
-def _focus_screen() -> Screen[Any]:
-    from station.app.screens.focus import FocusScreen
-
-    return FocusScreen()
-
-
-def _results_screen(sessions: Path) -> Screen[Any]:
-    from station.app.screens.results import ResultsScreen
-
-    return ResultsScreen(sessions)
+def _screen(name: str, *given: Any) -> Screen[Any]:
+    """The screen of this name, whose module is imported when it is first shown."""
+    module = import_module(f"station.app.screens.{name.lower()}")
+    screen: Screen[Any] = getattr(module, f"{name}Screen")(*given)
+    return screen

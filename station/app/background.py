@@ -31,11 +31,8 @@ class Finished:
 
 
 class BackgroundJob:
-    """Work in a thread of its own; `on_finished` is called once, in that thread, with its end.
-
-    The first `cancel` calls `ask`, which ends the work after its current action; every further one calls `halt`, which
-    ends it now.
-    """
+    """Work in a thread of its own; `on_finished` is called once, in that thread, with its end. The first `cancel` calls
+    `ask`, which ends the work after its current action; every further one calls `halt`, which ends it now."""
 
     def __init__(
         self,
@@ -53,17 +50,14 @@ class BackgroundJob:
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 
     def start(self) -> BackgroundJob:
-        """Begin."""
         self._thread.start()
         return self
 
     @property
     def running(self) -> bool:
-        """Whether it is still running."""
         return self._thread.is_alive()
 
     def wait(self, timeout_s: float) -> None:
-        """Wait for its end, up to a timeout."""
         self._thread.join(timeout_s)
 
     def cancel(self) -> bool:
@@ -97,27 +91,19 @@ def problem_of(error: Exception) -> Problem:
     return Problem(what, "no photograph is lost; continue, and report this error if it happens again")
 
 
-# --- polling of the devices ------------------------------------------------------------------------------------
-
-
 Look = Callable[[], "Sequence[DeviceState]"]
+EVERY_S = 0.5
 
 
 class Watcher:
     """Polls the devices' conditions in a thread of its own, and calls `on_change` when one has changed."""
 
-    def __init__(
-        self,
-        look: Callable[[], Sequence[DeviceState]],
-        on_change: Callable[[Sequence[DeviceState]], None],
-        every_s: float = 0.5,
-    ) -> None:
-        self._look, self._on_change, self._every_s = look, on_change, every_s
+    def __init__(self, look: Look, on_change: Callable[[Sequence[DeviceState]], None]) -> None:
+        self._look, self._on_change = look, on_change
         self._end = threading.Event()
         threading.Thread(target=self._run, name="watcher", daemon=True).start()
 
     def stop(self) -> None:
-        """End the polling."""
         self._end.set()
 
     def _run(self) -> None:
@@ -127,4 +113,4 @@ class Watcher:
             if states != last:
                 last = states
                 self._on_change(states)
-            self._end.wait(self._every_s)
+            self._end.wait(EVERY_S)

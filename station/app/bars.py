@@ -30,10 +30,8 @@ def packed(parts: Sequence[Content], width: int) -> Content:
 
 
 class DeviceBar(Part):
-    """Every device with its mark, unusable ones first with the reason, and the key that stops all of them.
-
-    Its lines are made for a given width, not when a device changes, since the width is unknown before the first layout.
-    """
+    """Every device with its mark, unusable ones first with the reason, and the key that stops all of them. Its lines
+    are made for a given width, not when a device changes, since the width is unknown before the first layout."""
 
     _shown: tuple[Sequence[DeviceState], str] = ((), "")
 
@@ -45,11 +43,9 @@ class DeviceBar(Part):
             self.refresh(layout=True)
 
     def render(self) -> Content:
-        """The lines at the current width."""
         return self._lines(self.size.width)
 
     def get_content_height(self, container: Size, viewport: Size, width: int) -> int:
-        """Number of lines at this width."""
         return len(self._lines(width).split())
 
     def _lines(self, width: int) -> Content:
@@ -59,14 +55,12 @@ class DeviceBar(Part):
         bad = [state for state in states if not state.condition.usable and not state.moving]
         parts = [literal(f"{self.glyphs.now} {one.name}: {one.condition.word}", "bold reverse") for one in moving]
         parts += [literal(f"{self.glyphs.bad} {one.name}: {_why(one)}.", "bold") for one in bad]
-        parts += self._usable([state for state in states if state.condition.usable and not state.moving], width)
-        return packed([stop, *(parts or [literal(words)])], width)
-
-    def _usable(self, states: Sequence[DeviceState], width: int) -> list[Content]:
+        usable = [state for state in states if state.condition.usable and not state.moving]
         if width >= WIDE:
-            return [literal(f"{self.glyphs.good} {state.name}: {state.condition.word}") for state in states]
-        names = " ".join(state.name for state in states)
-        return [literal(f"{self.glyphs.good} {names}")] if states else []
+            parts += [literal(f"{self.glyphs.good} {one.name}: {one.condition.word}") for one in usable]
+        elif usable:
+            parts.append(literal(f"{self.glyphs.good} {' '.join(one.name for one in usable)}"))
+        return packed([stop, *(parts or [literal(words)])], width)
 
 
 def brief(condition: Condition) -> str:
@@ -75,7 +69,6 @@ def brief(condition: Condition) -> str:
 
 
 def _why(state: DeviceState) -> str:
-    """Why a device cannot be used, and the last reported position of a stage."""
     last = ", ".join(f"{label(axis)} {position_text(axis, place)}" for axis, place in state.places.items())
     return brief(state.condition) + (f" (last position: {last})" if last else "")
 
@@ -88,11 +81,9 @@ class KeyLine(Part):
         self.call_after_refresh(self.show)
 
     def on_resize(self) -> None:
-        """Choose the keys that fit the new width."""
         self.show()
 
     def show(self) -> None:
-        """Show the keys of the available commands."""
         entries: list[Content] = []
         room = self.size.width
         for command in cast("CommandSource", self.app).offered():

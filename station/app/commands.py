@@ -5,7 +5,7 @@ docstring's first line is the text of help and palette.
 """
 
 import inspect
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import Iterable
 from functools import partial
 from typing import Any, ClassVar, Protocol, cast
 
@@ -40,17 +40,14 @@ class Command(Message):
 
     @classmethod
     def help(cls) -> str:
-        """One line on what it does."""
         return (inspect.getdoc(cls) or "").splitlines()[0]
 
     @classmethod
     def key_name(cls) -> str:
-        """Displayed name of the key."""
         return cls.shown or cls.keys.split(",")[0].upper().replace("CTRL+", "^")
 
     @classmethod
     def binding(cls) -> Binding:
-        """The key, for a screen or the application."""
         action = f"app.command('{cls.__name__}')"
         shifted = [key.upper() for key in cls.keys.split(",") if len(key) == 1]  # the footer shows capitals
         return Binding(
@@ -71,8 +68,6 @@ def bindings(commands: Iterable[type[Command]]) -> list[BindingType]:
     """The keys of these commands."""
     return [command.binding() for command in commands]
 
-
-# --- everywhere --------------------------------------------------------------------------------------------------
 
 StopEverything = _command(
     "StopEverything",
@@ -99,23 +94,15 @@ ShowFocus = _command(
     "ShowFocus", "Live focus: sharpness of every new photograph, and which way to turn the ring.", "f7", "focus"
 )
 
-
 EVERYWHERE: tuple[type[Command], ...] = (
     StopEverything, ShowHelp, ShowGuide, ShowBench, ShowResults, EndRun, ShowPalette, Leave, ShowFocus,
 )  # fmt: skip
-
-
-# --- guide -------------------------------------------------------------------------------------------------------
 
 GoOn = _command("GoOn", "Continue the session where it stopped; stages are homed first.", "f5", "go on")
 StepBack = _command("StepBack", "Repeat the previous step; its photographs are kept.", "f6", "step back")
 NewSession = _command("NewSession", "Back to the first screen: begin a new session or continue another.", "f8", "new")
 
-
 GUIDE: tuple[type[Command], ...] = (GoOn, StepBack, NewSession)
-
-
-# --- bench -------------------------------------------------------------------------------------------------------
 
 Connect = _command("Connect", "Connect every device, and show the answers.", "c", "connect", shown="C")
 HomeStages = _command("HomeStages", "Home every stage. Stages move: keep clear.", "h", "home", shown="H")
@@ -138,14 +125,10 @@ Darker = _command("Darker", "Dim the lamp by a tenth of its full power.", "d", s
 Brighter = _command("Brighter", "Brighten the lamp by a tenth of its full power.", "b", "light", shown="B", pair="D/B")
 NextWire = _command("NextWire", "Show the traffic on the wire of the next device.", "w", "wire", shown="W")
 
-
 BENCH: tuple[type[Command], ...] = (
     Connect, HomeStages, JogBack, JogForward, AxisBefore, AxisAfter,
     StepSmaller, StepLarger, Darker, Brighter, NextWire,
 )  # fmt: skip
-
-
-# --- live focus --------------------------------------------------------------------------------------------------
 
 TurnNear = _command(
     "TurnNear", "Turn the simulated ring one step towards near, and take a photograph.", "left,minus", shown="Left"
@@ -160,11 +143,7 @@ TurnFar = _command(
 )
 EndFocus = _command("EndFocus", "End live focus, or return to the choice of the source.", "escape", "end", shown="Esc")
 
-
 FOCUS: tuple[type[Command], ...] = (TurnNear, TurnFar, EndFocus)
-
-
-# --- results -----------------------------------------------------------------------------------------------------
 
 NextPlane = _command("NextPlane", "Show the next colour plane.", "p", "plane", shown="P")
 Compare = _command(
@@ -176,13 +155,9 @@ Compare = _command(
 )
 Reload = _command("Reload", "Search the disk for results again.", "r", "look again", shown="R")
 
-
 RESULTS: tuple[type[Command], ...] = (NextPlane, Compare, Reload)
 
 BY_NAME = {command.__name__: command for command in (*EVERYWHERE, *GUIDE, *BENCH, *FOCUS, *RESULTS)}
-
-
-# --- the palette -------------------------------------------------------------------------------------------------
 
 
 class CommandSource(Protocol):
@@ -204,21 +179,14 @@ class CommandsByName(Provider):
         return cast(CommandSource, self.app)
 
     async def discover(self) -> Hits:
-        """All available commands."""
         for command in self._source.offered():
-            yield DiscoveryHit(Content(command.title()), self._give(command), help=_help(command))
+            give = partial(self._source.action_command, command.__name__)
+            yield DiscoveryHit(Content(command.title()), give, help=f"{command.key_name()}  {command.help()}")
 
     async def search(self, query: str) -> Hits:
-        """The commands that match the query."""
         matcher = self.matcher(query)
         for command in self._source.offered():
             score = matcher.match(command.title())
             if score > 0:
-                yield Hit(score, matcher.highlight(command.title()), self._give(command), help=_help(command))
-
-    def _give(self, command: type[Command]) -> Callable[[], Awaitable[None]]:
-        return partial(self._source.action_command, command.__name__)
-
-
-def _help(command: type[Command]) -> str:
-    return f"{command.key_name()}  {command.help()}"
+                give, words = partial(self._source.action_command, command.__name__), matcher.highlight(command.title())
+                yield Hit(score, words, give, help=f"{command.key_name()}  {command.help()}")

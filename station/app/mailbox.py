@@ -51,7 +51,6 @@ class Mailbox:
         self._asking = self._stopped = False
 
     def notify(self, event: Event) -> None:
-        """Add an event."""
         if isinstance(event, FrameEvent):
             picture = thumbnail(event.plane, event.advice.marks, event.advice.outline)
             self._add(FramePreview(picture, event.advice, event.hold_s))
@@ -68,7 +67,6 @@ class Mailbox:
             self._ring()
 
     def take(self) -> list[MailboxEntry]:
-        """Remove and return the collected entries, oldest first."""
         with self._lock:
             entries, self._entries = self._entries, []
             return entries
@@ -87,7 +85,6 @@ class Mailbox:
             return self._answer.pop()
 
     def reply(self, fact: Fact) -> None:
-        """The operator's answer."""
         with self._lock:
             self._answer[:] = [fact]
             self._lock.notify_all()
@@ -135,7 +132,6 @@ class OperatorSession:
         self.mailbox.stop()
 
     def halt(self) -> None:
-        """End now, and stop the bench."""
         self._asked = True
         if self._running is not None:
             self._running.stop_now()

@@ -14,10 +14,8 @@ PASTED_S = 0.005
 
 
 def stopping_first(driver: type[Driver], stop: Callable[[], None], moving: Callable[[], bool]) -> type[Driver]:
-    """The driver extended to call `stop` before it passes on the stop key, and before it is suspended.
-
-    The key that ends a run is a stop key while an axis is `moving`.
-    """
+    """The driver extended to call `stop` before it passes on the stop key, and before it is suspended. The key that
+    ends a run is a stop key while an axis is `moving`."""
 
     class StopsFirst(driver):  # type: ignore[misc,valid-type]
         _typed_s = -1.0

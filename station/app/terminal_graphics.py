@@ -52,9 +52,6 @@ def palette() -> Pixels:
     return np.asarray(np.rint(np.vstack([greys, COLOURS])), dtype=np.uint8)
 
 
-# --- sixel -------------------------------------------------------------------------------------------------------
-
-
 def sixel(indices: Pixels) -> str:
     """A picture of palette indices as sixels: bands of six rows, in each the pixels of one colour after another."""
     rows, columns = indices.shape
@@ -67,7 +64,6 @@ def sixel(indices: Pixels) -> str:
 
 
 def _band(band: npt.NDArray[np.int16]) -> Iterator[str]:
-    """The sixels of every colour of a band, equal ones counted."""
     for colour in np.unique(band[band >= 0]).tolist():
         bits = ((band == colour) << np.arange(6)[:, None]).sum(axis=0)
         ends = np.flatnonzero(np.diff(bits, append=-1)) + 1
@@ -76,8 +72,6 @@ def _band(band: npt.NDArray[np.int16]) -> Iterator[str]:
                 for bit, n in zip(bits[ends - 1].tolist(), counts.tolist(), strict=True))  # fmt: skip
         yield f"#{colour}{''.join(runs)}"
 
-
-# --- kitty -------------------------------------------------------------------------------------------------------
 
 PLACEHOLDER = "\U0010eeee"
 COMPOSING = {*range(0x300, 0x305), *range(0x306, 0x30D), 0x30F, 0x311, 0x313, 0x314, 0x342}

@@ -19,7 +19,6 @@ RAMP = " .:-=+*#%@"
 OUTLINE_LETTERS = " O+"
 """Characters of the outlines, by their value."""
 LEGEND = {False: "orange: now, blue: wanted", True: "O: now, +: wanted"}
-"""Legend of the outlines, by whether they are drawn in characters."""
 LEAST_WHITE = 0.05
 """Lower limit of the white level, so that the noise of a dark frame is not amplified."""
 GAMMA = 2.2
@@ -81,7 +80,6 @@ def shrink(picture: npt.NDArray[np.floating] | Levels, rows: int, columns: int) 
 
 
 def _block_means(picture: Array, n: int) -> Array:
-    """Means of n blocks of rows."""
     starts = np.arange(n) * len(picture) // n
     ends = np.maximum((np.arange(n) + 1) * len(picture) // n, starts + 1)
     sums = np.concatenate([np.zeros((1, picture.shape[1])), np.cumsum(picture, axis=0)])
@@ -102,9 +100,7 @@ class Cells:
 
 def lay_out(picture: Thumbnail, width: int, height: int) -> Cells:
     """The thumbnail at its own proportions, as large as `width` x `height` cells take, which are twice as high as wide.
-
-    `marked` holds (row, column) of cells.
-    """
+    `marked` holds (row, column) of cells."""
     rows, columns = picture.levels.shape
     scale = min(width / columns, 2 * height / rows)
     across, down = max(1, round(columns * scale)), max(1, round(rows * scale / 2))
@@ -115,7 +111,6 @@ def lay_out(picture: Thumbnail, width: int, height: int) -> Cells:
 
 
 PRESENT, WANTED = 1, 2
-"""Values of the lines of the outlines."""
 DASH, SLANT = 3, 1.3
 """Length of dashes, and of those of upright lines relative to it: no line lies along the dashes' ends."""
 

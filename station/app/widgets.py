@@ -1,7 +1,5 @@
-"""Widgets of the screens: images in half blocks, curves, the list of steps, live numbers, progress.
-
-Every text from outside passes `literal`, which shows markup, escape sequences and control characters as text.
-"""
+"""Widgets of the screens: images in half blocks, curves, the list of steps, live numbers, progress. Every text from
+outside passes `literal`, which shows markup, escape sequences and control characters as text."""
 
 from __future__ import annotations
 
@@ -39,7 +37,6 @@ MARK = Style(color=MARK_TEXT, bgcolor=MARK_GROUND, bold=True)
 SPACE = "\N{NO-BREAK SPACE}"
 """Between a mark and its line, so that they are not separated."""
 BAR = 16
-"""Cells of the progress bar."""
 
 
 def literal(text: str, style: str = "") -> Content:
@@ -60,7 +57,6 @@ class Part(Static):
 
     @property
     def glyphs(self) -> Glyphs:
-        """The application's."""
         return cast(Glyphs, self.app.glyphs)  # type: ignore[attr-defined]
 
     def update(self, content: VisualType = "", *, layout: bool = True) -> None:
@@ -73,9 +69,6 @@ class Part(Static):
         """Show a sentence, or hide the widget if it is empty."""
         self.update(literal(text, style))
         self.display = bool(text)
-
-
-# --- pictures and curves ---
 
 
 INK = (*(f"rgb({v},{v},{v})" for v in (round(i * 255 / (GREYS - 1)) for i in range(GREYS))), PRESENT_LINE, WANTED_LINE)
@@ -94,24 +87,19 @@ class Drawn(Widget):
 
     @property
     def glyphs(self) -> Glyphs:
-        """The application's."""
         return cast(Glyphs, self.app.glyphs)  # type: ignore[attr-defined]
 
     def redraw(self) -> None:
-        """Draw it for its size."""
         self._strips = self.draw(self.size.width, self.size.height) if self.size.area else ()
         self.refresh()
 
     def draw(self, width: int, height: int) -> tuple[Strip, ...]:
-        """Its lines."""
         raise NotImplementedError
 
     def on_resize(self) -> None:
-        """Draw it for the new size."""
         self.redraw()
 
     def render_line(self, y: int) -> Strip:
-        """One of the lines."""
         strip = self._strips[y] if y < len(self._strips) else _text_strip("")
         ground = self.rich_style
         return strip.adjust_cell_length(self.size.width, ground).apply_style(
@@ -129,7 +117,6 @@ class Picture(Drawn):
         self._sixels = ""
 
     def show(self, picture: Thumbnail | None) -> None:
-        """Show an image."""
         self.picture = picture
         self.redraw()
 
@@ -139,7 +126,6 @@ class Picture(Drawn):
         self.show(None)
 
     def draw(self, width: int, height: int) -> tuple[Strip, ...]:
-        """The largest image that fits."""
         self._sixels = ""
         if self.picture is None:
             return tuple(_text_strip(line) for line in centred(self.words, width, height))
@@ -155,7 +141,6 @@ class Picture(Drawn):
         return (*rows, _text_strip(printable(words)))
 
     def _in_pixels(self, terminal: Graphics, width: int, height: int) -> list[Strip]:
-        """The lines of a picture in the terminal's graphics: placeholders, or blanks over which sixels are drawn."""
         from station.app import terminal_graphics as graphics
 
         assert self.picture is not None
@@ -217,12 +202,10 @@ class CurveView(Drawn):
     plot: Callable[[int, int, bool], list[str]] | None = None
 
     def show(self, plot: Callable[[int, int, bool], list[str]] | None) -> None:
-        """Show curves."""
         self.plot = plot
         self.redraw()
 
     def draw(self, width: int, height: int) -> tuple[Strip, ...]:
-        """The largest plot that fits."""
         lines = self.plot(width, height, self.glyphs.ascii) if self.plot is not None else []
         return tuple(_text_strip(line) for line in lines)
 
@@ -233,20 +216,15 @@ class BigText(Drawn):
     text = ""
 
     def show(self, text: str) -> None:
-        """Show a text."""
         self.text = text
         self.redraw()
 
     def draw(self, width: int, height: int) -> tuple[Strip, ...]:
-        """The text in blocks."""
         return tuple(_text_strip(line) for line in big_lines(self.text, width, height, self.glyphs.full))
 
 
 def _text_strip(text: str) -> Strip:
     return Strip([Segment(text, PLAIN)])
-
-
-# --- the guide's parts ---
 
 
 class Rail(Part):
@@ -276,7 +254,6 @@ class Readings(Part):
     """Live numbers with their tolerances and marks."""
 
     def show(self, readings: Sequence[Reading]) -> None:
-        """Show readings."""
         self.update(lines_of(*(line for reading in readings for line in self._entry(reading))))
         self.display = bool(readings)
 
@@ -295,7 +272,6 @@ class Readings(Part):
 
 
 LEVEL = 21
-"""Cells of a level that shows an angle."""
 
 
 def angle_level(value: float, low: float, high: float, glyphs: Glyphs) -> str:
@@ -343,11 +319,9 @@ class ProgressLine(Part):
         self._first: tuple[ProgressEvent, float] | None = None
 
     def on_mount(self) -> None:
-        """Update the times every second."""
         self.set_interval(1.0, self.tick)
 
     def show(self, doing: ProgressEvent | None) -> None:
-        """Show an activity, or none."""
         now_s = self._clock()
         if doing is not None and (self._first is None or self._first[0].say != doing.say):
             self._first = doing, now_s
@@ -363,7 +337,6 @@ class ProgressLine(Part):
             self._doing = None
 
     def tick(self) -> None:
-        """Update the times."""
         if self._doing is not None and self._first is not None:
             first, began_s = self._first
             elapsed_s = self._clock() - self._since_s

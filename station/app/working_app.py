@@ -1,7 +1,5 @@
-"""Base of the application: jobs in threads, the bench, runs and their events.
-
-Blocking work (devices, disks, numpy) runs in threads and returns as messages; the event loop only paints.
-"""
+"""Base of the application: jobs in threads, the bench, runs and their events. Blocking work (devices, disks, numpy)
+runs in threads and returns as messages; the event loop only paints."""
 
 from __future__ import annotations
 
@@ -21,7 +19,6 @@ from textual.message import Message
 
 from station.app.background import BackgroundJob, Finished, Problem, Watcher, at_once, problem_of
 from station.app.commands import EndRun, GoOn, StepBack, StopEverything
-from station.app.messages import DevicesChanged, JobEnded, MailboxFilled, ProgramTerminated
 from station.app.screens.dialogs import Choose
 from station.app.screens.parts import AnswerBox, StationScreen
 from station.app.screens.start import StartScreen
@@ -42,6 +39,31 @@ if TYPE_CHECKING:
     from station.bench.stage_watch import DeviceState
     from station.guide.run import Run
     from station.guide.workspace import SessionSummary, StationLab
+
+
+class MailboxFilled(Message):
+    """The mailbox has entries."""
+
+
+class ProgramTerminated(Message):
+    """The system ends the program, or the terminal has closed."""
+
+
+class JobEnded(Message):
+    """A job has ended."""
+
+    def __init__(self, finished: Finished) -> None:
+        super().__init__()
+        self.finished = finished
+
+
+class DevicesChanged(Message):
+    """The condition of a device has changed."""
+
+    def __init__(self, states: Sequence[DeviceState]) -> None:
+        super().__init__()
+        self.states = states
+
 
 SHOW_EVERY_S = 0.08
 """Shortest interval between updates from a run; 12 per second suffice for the eye and for ssh."""
@@ -75,10 +97,7 @@ class WorkingApp(App[int]):
         self._shown_s = 0.0
         self._drain_is_due = False
 
-    # --- beginning and end ---------------------------------------------------------------------------------------
-
     def on_mount(self) -> None:
-        """Paint first, then load numpy, bench and sessions."""
         self.call_after_refresh(self._start, "load", lambda: _load(self.lab))
 
     @on(ProgramTerminated)
@@ -96,7 +115,6 @@ class WorkingApp(App[int]):
             job.wait(timeout_s)
 
     def _fatal_error(self) -> None:
-        """After an unexpected error, stop the bench and show a sentence, or the traceback on request."""
         self._halt()
         if os.environ.get(TRACEBACK) or self._exception is None or self.is_headless:
             super()._fatal_error()
@@ -105,11 +123,8 @@ class WorkingApp(App[int]):
         self.panic(Text(printable(f"{problem.reason}; {problem.remedy}")))
 
     def on_unmount(self) -> None:
-        """End the polling of the devices."""
         if self._watcher is not None:
             self._watcher.stop()
-
-    # --- jobs ----------------------------------------------------------------------------------------------------
 
     def _start(self, name: str, work: Callable[[], Any], **ends: Callable[[], None]) -> None:
         self._jobs[name] = BackgroundJob(name, work, self.report_finished, **ends).start()
@@ -137,7 +152,6 @@ class WorkingApp(App[int]):
         return "The bench is busy with the last command: wait, or press F12." if self.running("by hand") else ""
 
     def by_hand(self, work: Callable[[], Any]) -> None:
-        """Run a command of the bench screen."""
         self._start("by hand", work, halt=self.lab.emergency_stop)
 
     def focus(self, work: Callable[[], Any], end: Callable[[], None], *, on_bench: bool) -> None:
@@ -223,8 +237,6 @@ class WorkingApp(App[int]):
     def _complain(self, problem: Problem) -> None:
         self.notify(printable(f"{problem.reason}. {problem.remedy}."), severity="error", markup=False, timeout=20)
 
-    # --- runs ----------------------------------------------------------------------------------------------------
-
     @on(StartScreen.Begin)
     def _begin_new(self, message: StartScreen.Begin) -> None:
         self._subject = f"{message.camera}, {message.lens}"
@@ -283,7 +295,6 @@ class WorkingApp(App[int]):
 
     @on(MailboxFilled)
     def _on_mailbox_filled(self) -> None:
-        """Show the collected entries, now or after the update interval."""
         wait_s = self._shown_s + SHOW_EVERY_S - time.monotonic()
         if wait_s <= 0:
             self._drain()
@@ -376,21 +387,16 @@ class WorkingApp(App[int]):
             super().get_driver_class(), lambda: self.lab.emergency_stop(), lambda: self.axis_moves
         )  # the lab comes later
 
-    # --- what is shown -------------------------------------------------------------------------------------------
-
     @property
     def front(self) -> StationScreen:
-        """The current screen, below any dialog."""
         return next(one for one in reversed(self.screen_stack) if isinstance(one, StationScreen))
 
     @property
     def conditions(self) -> Mapping[str, Condition]:
-        """Last known condition of each device by name."""
         return {state.name: state.condition for state in self._states}
 
     @property
     def places(self) -> Mapping[str, float]:
-        """Last reported position of each axis by name."""
         return {axis: place for state in self._states for axis, place in state.places.items()}
 
     @property
@@ -403,13 +409,11 @@ class WorkingApp(App[int]):
         self.refresh_frame()
 
     def refresh_frame(self) -> None:
-        """Update the current screen."""
         if self.is_running:
             self.front.refresh_frame()
 
 
 def _load(lab: StationLab) -> tuple[Mapping[str, str], Sequence[SessionSummary]]:
-    """Import the modules of screens and runs, and read the sessions; in a thread."""
     import station.app.screens.bench
     import station.app.screens.focus
     import station.app.screens.guide

@@ -62,7 +62,6 @@ def _same(job: J) -> J:
 
 
 def _alone(function: Callable[[I, J], R], item: I, job: J) -> R:
-    """The work in one thread."""
     one_thread()
     return function(item, job)
 
@@ -77,7 +76,6 @@ def _answer(future: Any) -> Any:
 
 
 def _connected(address: str, tls: tuple[Path, Path, Path] | None) -> Any:
-    """A client of the cluster."""
     try:
         from distributed import Client
         from distributed.security import Security

@@ -120,13 +120,6 @@ class ItemRow:
         return self.verdict == PASS and self.specification in ("", Compliance.MEETS)
 
 
-def key_of(hashes: Sequence[str], procedure: BatchProcedure, further: Sequence[str] = ()) -> str:
-    """Hash of all that an item's result depends on: files, procedure, program version, and `further` files' hashes."""
-    whole = {"files": list(hashes), "version": software()["version"], **procedure.fingerprint()}
-    whole |= {"further": list(further)} if further else {}
-    return hashlib.sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()[:KEY_LETTERS]
-
-
 def work(item: Item, job: Job) -> ItemRow:
     """Measure one item and write its result, or find that of an earlier run; every error is in the row."""
     start = time.perf_counter()
@@ -142,8 +135,13 @@ def _row(item: Item, job: Job) -> ItemRow:
         return ItemRow(item.files, UNREADABLE, item.trouble, item.remedy)
     one_fails = job.procedure.procedure.inputs not in (Inputs.PHOTOGRAPHS, Inputs.FOLDER)
     hashes = [hash_of(path, required=one_fails) for path in item.paths]
-    files = dict(zip(item.paths, hashes, strict=True)) | further_files(job.procedure, item.paths)
-    key = key_of(hashes, job.procedure, list(files.values())[len(hashes) :])
+    files = dict(zip(item.paths, hashes, strict=True)) | {
+        file: hash_of(file) for file in job.procedure.procedure.files(item.paths, job.procedure.settings)
+    }
+    whole = {"files": hashes, "version": software()["version"], **job.procedure.fingerprint()}
+    if further := list(files.values())[len(hashes) :]:
+        whole["further"] = further
+    key = hashlib.sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()[:KEY_LETTERS]
     kept, redone = kept_row(job.out, job.done[key]) if key in job.done else (None, "")
     if kept is not None:
         return replace(kept, reused=True)
@@ -163,11 +161,6 @@ def hash_of(path: Path, *, required: bool = False) -> str:
         return ""
 
 
-def further_files(batch: BatchProcedure, paths: Sequence[Path]) -> dict[Path, str]:
-    """The files besides its photographs that a result depends on, with their hashes; "" where there is none."""
-    return {file: hash_of(file) for file in batch.procedure.files(paths, batch.settings)}
-
-
 class ChangedMeanwhile(Exception):
     """A file whose hash is no longer that of the item."""
 
@@ -176,7 +169,6 @@ class ChangedMeanwhile(Exception):
 
 
 def _measure(item: Item, job: Job, files: Mapping[Path, str], row: ItemRow, place: ResultFolder) -> ItemRow:
-    """Measure an item and write its result; `row` states its files."""
     start, batch = time.perf_counter(), job.procedure
     procedure = batch.procedure
     paths = [Path(os.path.commonpath(item.paths))] if procedure.inputs is Inputs.FOLDER else item.paths
@@ -216,7 +208,6 @@ def _check_unchanged(files: Mapping[Path, str]) -> None:
 
 
 def _refusal(procedure: Procedure[Any], error: ProcedureError) -> Measurement:
-    """The measurement of an item that cannot be measured."""
     head, key = RecordHead(procedure.record_name), procedure.results_key
     if key == BY_PLANE:
         return Measurement(procedure.schema, head, ())
@@ -225,7 +216,6 @@ def _refusal(procedure: Procedure[Any], error: ProcedureError) -> Measurement:
 
 
 def _judged(row: ItemRow, records: Sequence[PlaneResult]) -> ItemRow:
-    """The row with the planes, their worst verdicts and causes."""
     planes = {record.name: plane_row(record) for record in records}
     name, worst = max(planes.items(), key=lambda one: VERDICTS.index(one[1].verdict))
     reason = f"{name}: {worst.reason}" if worst.reason else ""
@@ -241,16 +231,9 @@ def _judged(row: ItemRow, records: Sequence[PlaneResult]) -> ItemRow:
 
 def noted(exposure: Exposure) -> dict[str, float | str]:
     """The settings that the camera recorded, without those that it did not."""
-    entries = {
-        "camera": exposure.camera,
-        "lens": exposure.lens,
-        "exposure_s": exposure.exposure_s,
-        "f_number": exposure.f_number,
-        "iso": exposure.iso,
-        "focal_length_mm": exposure.focal_length_mm,
-        "focus_distance_mm": exposure.subject_distance_mm,
-        "captured_at": exposure.captured_at,
-    }
+    names = ("camera", "lens", "exposure_s", "f_number", "iso", "focal_length_mm")
+    entries = {name: getattr(exposure, name) for name in names}
+    entries |= {"focus_distance_mm": exposure.subject_distance_mm, "captured_at": exposure.captured_at}
     return {name: encodable(value) if isinstance(value, str) else value for name, value in entries.items() if value}
 
 
@@ -269,7 +252,6 @@ def plane_row(record: PlaneResult) -> PlaneRow:
 
 
 def _failure(item: Item, error: Exception) -> ItemRow:
-    """The row of an error: an unreadable file, a refused measurement, or a fault of this program."""
     if isinstance(error, ProcedureError):
         verdict = UNREADABLE if isinstance(error, BadInput) else REFUSED
         return ItemRow(item.files, verdict, encodable(error.reason), encodable(error.remedy))
@@ -281,9 +263,6 @@ def _failure(item: Item, error: Exception) -> ItemRow:
         return ItemRow(item.files, LOST, "it takes more memory than an item may take here", MORE_MEMORY)
     reason = f"the program failed unexpectedly: {type(error).__name__}: {printable(error)}"
     return ItemRow(item.files, FAULT, reason, "report it, with the photograph")
-
-
-# --- results of earlier runs ---
 
 
 def finished(out: Path) -> dict[str, str]:

@@ -96,7 +96,13 @@ def read_procedure(path: Path) -> BatchProcedure:
     settings = _settings(content, file, procedure.Settings, source).placed(folder)
     endings, pairs = (("", ""), None)
     if procedure.inputs in IN_PAIRS:
-        endings, pairs = _pairs(content, file, procedure, folder, source)
+        (first, one), (second, other), (_, rows) = asdict(file.pairs).items()
+        if rows and content["pairs"].keys() != {"table"}:
+            source.refuse(("pairs", "table"), "and endings are both given", "give one of them")
+        if not one or not other or one == other:
+            remedy = ", ".join(f"{key} = {toml_value(ending)}" for key, ending in procedure.endings.items())
+            source.refuse(("pairs", first), f"and pairs.{second} must be two different endings", f"write {remedy}")
+        endings, pairs = (one, other), folder / rows if rows else None
     batch = BatchProcedure(procedure, settings, _terms(file, folder, source), endings, pairs)
     settings.check()
     return batch
@@ -112,7 +118,6 @@ class ProcedureTable(SpecificationTable):
 
 
 def _file_model(procedure: Procedure[Any]) -> type[ProcedureTable]:
-    """The keys of a procedure's file: those of every one, its tables of settings, and settings outside of them."""
     known = {one.name for one in fields_of(procedure.Settings)}
     extra: list[Any] = [(name, Any, None) for name in AT_THE_TOP if name in known]
     extra += [(name, dict[str, Any], field(default_factory=dict)) for name in _tables(known)]
@@ -126,13 +131,11 @@ def _file_model(procedure: Procedure[Any]) -> type[ProcedureTable]:
 
 
 def _tables(known: Collection[str]) -> dict[str, Collection[str]]:
-    """The tables of settings that a procedure has, and their keys."""
     tables = {name: keys for name, keys in TABLES.items() if set(keys) <= set(known)}
     return {**tables, "parameters": known, "settings": known}
 
 
 def _settings(content: Mapping[str, Any], file: Any, model: type[Settings], source: TableSource) -> Settings:
-    """The settings of all tables, and those outside of tables."""
     known = [one.name for one in fields_of(model)]
     tables: list[tuple[KeyPath, Mapping[str, Any], Collection[str]]] = [
         ((), {name: value for name, value in content.items() if name in AT_THE_TOP}, known),
@@ -161,16 +164,3 @@ def _terms(file: Any, folder: Path, source: TableSource) -> Terms:
     unit = Unit(file.unit)
     at = tuple(Frequency(value, unit) for value in file.at)
     return Terms(unit, at, read_specification(folder / file.specification) if file.specification else own)
-
-
-def _pairs(
-    content: Mapping[str, Any], file: Any, procedure: Procedure[Any], folder: Path, source: TableSource
-) -> tuple[tuple[str, str], Path | None]:
-    """How a pair's names end, or the table that names them."""
-    (first, one), (second, other), (_, rows) = asdict(file.pairs).items()
-    if rows and content["pairs"].keys() != {"table"}:
-        source.refuse(("pairs", "table"), "and endings are both given", "give one of them")
-    if not one or not other or one == other:
-        remedy = ", ".join(f"{key} = {toml_value(ending)}" for key, ending in procedure.endings.items())
-        source.refuse(("pairs", first), f"and pairs.{second} must be two different endings", f"write {remedy}")
-    return (one, other), folder / rows if rows else None

@@ -29,7 +29,6 @@ from procedures.outcome import Refused
 LEAST_BYTES = 2_000_000_000
 """Smallest default limit of memory: a photograph of 60 million pixels takes a quarter of it."""
 TIME_S = 3600.0
-"""Default limit of time, seconds."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +85,6 @@ TRIES = 2
 DEATHS_IN_A_ROW = 8
 """Consecutive deaths after which the items are not the cause."""
 POLL_S = 0.5
-"""Interval at which working processes are checked."""
 STOPPED_S = 2.0
 """Time after which a stopped process is killed; Ctrl-Z stops parent and children, and `fg` continues all."""
 GOING_S = 5.0
@@ -248,7 +246,6 @@ def _feed(
     workers: list[_Worker[I, J, R]], waiting: deque[int], items: Sequence[I], make: Callable[[], _Worker[I, J, R]],
     jobs: int,
 ) -> None:  # fmt: skip
-    """Give waiting items to idle processes, and to new ones up to `jobs`."""
     for worker in workers[:jobs]:
         if waiting and worker.busy is None:
             worker.give(number := waiting.popleft(), items[number])
@@ -276,7 +273,6 @@ def _send(pipe: Connection[Any, Any], outgoing: SimpleQueue[bytes | None]) -> No
 
 
 def _serve(pipe: Connection[Any, Any], allowance: Allowance) -> None:
-    """Main loop of a worker: one item after the other, until an empty message."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent decides
     threading.Thread(target=_end_with_parent, daemon=True).start()
     try:

@@ -20,18 +20,16 @@ from urllib.parse import quote
 
 from procedures.outcome import BadParameter
 from station.batch.item import JUDGED, LOST, RESULTS, VERDICTS, ItemRow, Job, work
-from station.batch.procedure_file import BatchProcedure
 from station.batch.process_pool import Allowance, Lost, Stop, run_in_processes
 from station.batch.stored_rows import StoredRows, Tally, check_parquet, write_csv, write_parquet
 from station.calibration.folder_photographs import Item
 from station.common.durable_files import holds, read_own, write_whole, written
 from station.common.sanitise import printable
 from station.common.versions import software
-from station.results.result_files import PUBLISHING, RECORD, json_object, own_hashes, sealed_text
+from station.results.result_files import PUBLISHING, RECORD, json_object, own_hashes, sealed_text, unwritable
 
 SCHEMA = "station/batch/1"
 FAILURE = ("files", "verdict", "specification", "reason", "against")
-"""Entries of a failed item in the record."""
 Work = Callable[[Item, Job], ItemRow]
 Tls = tuple[Path, Path, Path] | None
 
@@ -117,12 +115,8 @@ def _lost(item: Item, lost: Lost) -> ItemRow:
     return ItemRow(item.files, LOST, lost.reason, remedy)
 
 
-# --- the batch's folder ---
-
-
 @contextmanager
 def _stored(out: Path) -> Iterator[StoredRows]:
-    """The rows in a file of lines."""
     try:
         rows = StoredRows(out / LINES)
         with closing(rows):
@@ -132,7 +126,6 @@ def _stored(out: Path) -> Iterator[StoredRows]:
 
 
 def _write(batch: Batch, rows: StoredRows, *, parquet: bool) -> str:
-    """Write the files of the batch; returns the record's text."""
     out, units = batch.job.out, batch.tally.units
     writers: dict[str, Callable[[Path], object]] = {
         LINES: rows.write_sorted,
@@ -157,7 +150,6 @@ def _write(batch: Batch, rows: StoredRows, *, parquet: bool) -> str:
 
 
 def _page(batch: Batch) -> bytes:
-    """The batch's page, with its first rows."""
     from station.reports.batches.batch_page import (  # here: it draws
         MAX_LINES,
         BatchLine,
@@ -178,18 +170,13 @@ def _page(batch: Batch) -> bytes:
     groups = [NumberGroup(*group, one.unit, one.values, one.uncertainties) for group, one in batch.tally.series.items()]
     procedure, count = batch.job.procedure, len(batch.rows)
     title = f"{count} items by the procedure {procedure.name}"
-    report = BatchReport(title, batch.counts, batch.judged, lines, count, groups, _bounds(procedure), batch.undone)
-    return batch_page(report).encode()
-
-
-def _bounds(procedure: BatchProcedure) -> dict[str, list[float]]:
-    """The finite bounds of limits in the unit of the batch, by number."""
     bounds: dict[str, list[float]] = {}
     for limit in procedure.terms.specification.limits:
         if limit.at is None and limit.unit is procedure.terms.unit:
             for name in [f"{limit.number}_{direction}" for direction in limit.directions] + [limit.number]:
                 bounds.setdefault(name, []).extend(one for one in (limit.least, limit.most) if math.isfinite(one))
-    return bounds
+    report = BatchReport(title, batch.counts, batch.judged, lines, count, groups, bounds, batch.undone)
+    return batch_page(report).encode()
 
 
 def _record(batch: Batch) -> dict[str, Any]:
@@ -209,11 +196,8 @@ def _record(batch: Batch) -> dict[str, Any]:
     }
 
 
-# --- locking of the folder ---
-
 LINES, TABLE, PARQUET, PAGE = "results.jsonl", "summary.csv", "summary.parquet", "report.html"
 LINE_BEGINS = '{"files": '
-"""Beginning of every line of results."""
 
 
 def check_own(out: Path) -> None:
@@ -270,9 +254,3 @@ def _sweep(out: Path) -> None:
         shutil.rmtree(unfinished, ignore_errors=True)
         if not any(unfinished.parent.iterdir()):
             unfinished.parent.rmdir()
-
-
-def unwritable(out: Path, error: OSError) -> BadParameter:
-    """The error of a folder that cannot be written."""
-    reason = f"the results need a folder that can be written; {out}: {error.strerror}"
-    return BadParameter(reason, "name another folder with --out, or make room")

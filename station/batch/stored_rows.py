@@ -1,7 +1,5 @@
 """The rows of a batch on the disk, and what all of them say in one pass: memory does not grow with a photograph's rows.
-
-A batch of 100,000 photographs keeps a position for each in memory, and one number for each value that is summarised.
-"""
+A batch of 100,000 photographs keeps a position for each in memory, and one number for each value that is summarised."""
 
 from __future__ import annotations
 
@@ -24,7 +22,6 @@ from station.common.sanitise import cell, encodable
 from station.results.result_files import plain
 
 GROUP = tuple[str, str, str]
-"""Camera, plane and number."""
 
 
 def line_of(row: ItemRow) -> bytes:
@@ -92,7 +89,6 @@ class StoredRows(Sequence[ItemRow]):
 
     @property
     def _numbers(self) -> list[int]:
-        """The numbers of the items in their order, sorted when one has been added."""
         if self._sorted is None:
             self._sorted = sorted(self._at)
         return self._sorted
@@ -132,23 +128,20 @@ class Tally:
         """The tally of rows, in one pass."""
         tally = cls()
         for place, row in enumerate(rows):
-            tally._count(place, row)
+            tally.verdicts[row.verdict] += 1
+            tally.specifications[row.specification] += 1
+            tally.all_sure = tally.all_sure and row.sure
+            tally.reused += row.reused
+            if not row.usable:
+                tally.failed.append(place)
+            for name, plane in row.planes.items():
+                tally.planes.setdefault(name, Counter())[plane.verdict] += 1
+                tally.units |= {number: str(one.get("unit", "")) for number, one in plane.numbers.items()}
+                for number, one in plane.summary.items():
+                    series = tally.series.setdefault((row.camera, name, number), NumberSeries(one.unit))
+                    series.values.append(one.value)
+                    series.uncertainties.append(one.uncertainty)
         return tally
-
-    def _count(self, place: int, row: ItemRow) -> None:
-        self.verdicts[row.verdict] += 1
-        self.specifications[row.specification] += 1
-        self.all_sure = self.all_sure and row.sure
-        self.reused += row.reused
-        if not row.usable:
-            self.failed.append(place)
-        for name, plane in row.planes.items():
-            self.planes.setdefault(name, Counter())[plane.verdict] += 1
-            self.units |= {number: str(one.get("unit", "")) for number, one in plane.numbers.items()}
-            for number, one in plane.summary.items():
-                series = self.series.setdefault((row.camera, name, number), NumberSeries(one.unit))
-                series.values.append(one.value)
-                series.uncertainties.append(one.uncertainty)
 
     @property
     def followed(self) -> list[Number]:
@@ -172,12 +165,9 @@ class Tally:
         return summary
 
 
-# --- The summary of a batch, one line for each plane: as CSV, and as Parquet with typed columns; rows are streamed ---
-
 HEAD = (
     "files", "verdict", "plane", "plane_verdict", "reason", "remedy", "specification", "against", "folder", "sha256",
 )  # fmt: skip
-"""First columns of the summary."""
 NOTED = (
     ("camera", "camera"), ("lens", "lens"), ("captured_at", "captured_at"), ("exposure [s]", "exposure_s"),
     ("f_number", "f_number"), ("iso", "iso"), ("focal_length [mm]", "focal_length_mm"),
@@ -185,7 +175,6 @@ NOTED = (
 )  # fmt: skip
 """Headings of the settings recorded by the camera, and their names in a row."""
 TEXTS = ("camera", "lens", "captured_at")
-"""The text columns."""
 GROUP_ROWS = 2000
 """Rows of a Parquet file that are written at once."""
 
@@ -230,7 +219,6 @@ Line = tuple[list[str], list[Any], list[float | None]]
 
 
 def _lines(rows: Iterable[ItemRow], units: Mapping[str, str]) -> Iterator[Line]:
-    """Texts of `HEAD`, settings of `NOTED`, and numbers of every plane, or of an item without planes."""
     for row in rows:
         planes: list[tuple[str, PlaneRow | None]] = [*row.planes.items()] or [("", None)]
         for name, plane in planes:
@@ -256,6 +244,5 @@ def _unit(column: str, units: Mapping[str, str]) -> str:
 
 
 def _with_unit(column: str, units: Mapping[str, str]) -> str:
-    """A heading with the unit of its number, if it has one."""
     unit = _unit(column, units)
     return column if unit in ("", "1") else f"{column} [{unit}]"

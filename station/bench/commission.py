@@ -1,7 +1,5 @@
 """Commissioning of a stage: its controller's settings, a drive of each axis, recommended changes, and its table.
-
-Nothing moves without the operator's consent, requested before homing and before each axis.
-"""
+Nothing moves without the operator's consent, requested before homing and before each axis."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,8 +7,8 @@ from typing import Any, Protocol
 
 from drivers.errors import Clock
 from drivers.grbl import GrblStage
-from drivers.interfaces import Stage, Travel
-from drivers.protocols.grbl import HOME_FIRST, Controls, GrblEnvelope
+from drivers.interfaces import Stage
+from drivers.protocols.grbl import HOME_FIRST, GrblEnvelope
 from drivers.tmcl.stage import TmclStage
 from station.common.toml_text import toml_value
 
@@ -78,31 +76,23 @@ def settings_findings(stage: Stage) -> list[Recommendation]:
         return [Recommendation(caveat.reason, caveat.remedy) for caveat in caveats if caveat is not None]
     if not isinstance(stage, GrblStage):
         return []
-    findings = [_too_fast(name, axis) for name, axis in stage.envelopes.items()]
-    caveat = stage.condition().caveat
-    findings.append(None if caveat is None else Recommendation(caveat.reason, caveat.remedy))
-    if stage.link.controls.flag(21) is False:
+    findings, controls = [], stage.link.controls
+    for name, axis in stage.envelopes.items():
+        feed, rate, setting = axis.axis.feed_per_min, axis.rate_per_min, f"${110 + axis.index}"
+        if feed > rate:
+            reason = f"{name} is configured for {feed:g} per min, but its controller reaches {rate:g} ({setting})"
+            findings.append(Recommendation(reason, f"write feed_per_min = {rate:g}, or raise {setting}"))
+    if (caveat := stage.condition().caveat) is not None:
+        findings.append(Recommendation(caveat.reason, caveat.remedy))
+    if controls.flag(21) is False:
         findings.append(
             Recommendation("a limit switch does not stop it ($21=0)", "set $21=1 if every end has a switch")
         )
-    findings.append(_moves_unhomed(stage.link.controls))
-    return [finding for finding in findings if finding is not None]
-
-
-def _moves_unhomed(controls: Controls) -> Recommendation | None:
-    if not controls.moves_unhomed:
-        return None
-    flags = controls.bits(22)
-    reason = f"after an unnoticed power failure it moves although its position is lost ($22={flags})"
-    return Recommendation(reason, f"set $22={flags | HOME_FIRST}, which locks it until it is homed")
-
-
-def _too_fast(name: str, axis: GrblEnvelope) -> Recommendation | None:
-    feed, rate = axis.axis.feed_per_min, axis.rate_per_min
-    if feed <= rate:
-        return None
-    reason = f"{name} is configured for {feed:g} per min, but its controller reaches {rate:g} (${110 + axis.index})"
-    return Recommendation(reason, f"write feed_per_min = {rate:g}, or raise ${110 + axis.index}")
+    if controls.moves_unhomed:
+        flags = controls.bits(22)
+        reason = f"after an unnoticed power failure it moves although its position is lost ($22={flags})"
+        findings.append(Recommendation(reason, f"set $22={flags | HOME_FIRST}, which locks it until it is homed"))
+    return findings
 
 
 def drive_through(stage: Stage, operator: Operator, clock: Clock) -> list[AxisDrive] | None:
@@ -114,20 +104,16 @@ def drive_through(stage: Stage, operator: Operator, clock: Clock) -> list[AxisDr
     drives = []
     for name, travel in stage.travel().items():
         if operator.agrees(f"Drive {name} from {travel.low:g} to {travel.high:g}?"):
-            drives.append(_drive(stage, name, travel, operator, clock))
+            stage.move_to(**{name: travel.low})
+            way = travel.high - travel.low
+            expected_s = _expected_s(stage, name, way)
+            begin_s = clock.now_s()
+            stage.move_to(**{name: travel.high})
+            seconds = clock.now_s() - begin_s
+            operator.show(f"{name} moved {way:g} in {seconds:.1f} s, {60 * way / seconds:.0f} per min on average")
+            ruler = operator.measures(f"How far did {name} move by a ruler? (nothing: not measured)")
+            drives.append(AxisDrive(name, way, seconds, expected_s, ruler))
     return drives
-
-
-def _drive(stage: Stage, name: str, travel: Travel, operator: Operator, clock: Clock) -> AxisDrive:
-    stage.move_to(**{name: travel.low})
-    way = travel.high - travel.low
-    expected_s = _expected_s(stage, name, way)
-    begin_s = clock.now_s()
-    stage.move_to(**{name: travel.high})
-    seconds = clock.now_s() - begin_s
-    operator.show(f"{name} moved {way:g} in {seconds:.1f} s, {60 * way / seconds:.0f} per min on average")
-    ruler = operator.measures(f"How far did {name} move by a ruler? (nothing: not measured)")
-    return AxisDrive(name, way, seconds, expected_s, ruler)
 
 
 def _expected_s(stage: Stage, name: str, way: float) -> float | None:
@@ -160,19 +146,6 @@ def _scale(drive: AxisDrive, ruler: float, envelope: GrblEnvelope | None) -> Rec
     return Recommendation(reason, f"multiply {scale} by {drive.way / ruler:.5f}, then set {travel} again")
 
 
-def device_table(name: str, table: Mapping[str, Any], stage: Stage) -> str:
-    """The stage's table for station.toml, with feeds that its controller reaches and the ends of its machine space."""
-    rows = [f"[devices.{name}]"]
-    rows += [f"{key} = {toml_value(value)}" for key, value in table.items() if key != "axes"]
-    rows.append("axes = [")
-    envelopes = stage.envelopes if isinstance(stage, GrblStage) else {}
-    for axis in table["axes"]:
-        envelope = envelopes.get(axis["name"])
-        limits = {} if envelope is None else _limits(axis, envelope)
-        rows.append(f"    {toml_value({**axis, **limits})},")
-    return "\n".join([*rows, "]"]) + "\n"
-
-
 def _limits(axis: Mapping[str, Any], envelope: GrblEnvelope) -> dict[str, Any]:
     limits: dict[str, Any] = {"feed_per_min": min(axis["feed_per_min"], envelope.rate_per_min)}
     usual = (-(envelope.high - envelope.low), 0.0)
@@ -193,6 +166,14 @@ def commission(name: str, stage: Stage, table: Mapping[str, Any], operator: Oper
         operator.show(f"to change: {finding.reason}: {finding.change}")
     if not findings:
         operator.show(f"nothing to change at {name}")
-    text = device_table(name, table, stage)
+    rows = [f"[devices.{name}]"]
+    rows += [f"{key} = {toml_value(value)}" for key, value in table.items() if key != "axes"]
+    rows.append("axes = [")
+    envelopes = stage.envelopes if isinstance(stage, GrblStage) else {}
+    for axis in table["axes"]:
+        envelope = envelopes.get(axis["name"])
+        limits = {} if envelope is None else _limits(axis, envelope)
+        rows.append(f"    {toml_value({**axis, **limits})},")
+    text = "\n".join([*rows, "]"]) + "\n"
     operator.show(text)
     return text

@@ -13,7 +13,6 @@ from station.bench.opening import Bench
 
 RATE_HZ, TAPS, LISTEN_S = 200.0, 5, 3.0
 STEP_S = 2e-4
-"""Step of the lags tried."""
 FARTHEST_S = 0.1
 LEAST_CORRELATION = 0.5
 """Least correlation of two records of the same event at the best lag."""

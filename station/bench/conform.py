@@ -14,17 +14,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from drivers.errors import (
-    BadConfiguration,
-    Clock,
-    DeviceError,
-    EmergencyStopped,
-    MoveFailed,
-    NotHomed,
-    OutsideTravel,
-    Rejected,
-    SystemClock,
-)
+from drivers import errors
 from drivers.interfaces import Stage
 from simulators.devices.alpaca import AlpacaFocusers
 from simulators.devices.serial_device import Cable, Faults
@@ -61,13 +51,13 @@ def require(kept: bool, words: str) -> None:
 
 
 @contextmanager
-def refusal(*errors: type[Exception]) -> Iterator[None]:
+def refusal(*kinds: type[Exception]) -> Iterator[None]:
     """Context whose body must raise one of these errors."""
     try:
         yield
-    except errors:
+    except kinds:
         return
-    raise Broken(f"no {' or '.join(error.__name__ for error in errors)} was raised")
+    raise Broken(f"no {' or '.join(kind.__name__ for kind in kinds)} was raised")
 
 
 @dataclass
@@ -75,7 +65,7 @@ class StageRig:
     """A stage under trial; `axes` are the truth, and `cable` its line, both None at a real port."""
 
     stage: Stage
-    clock: Clock
+    clock: errors.Clock
     axes: Mapping[str, Axis] | None = None
     cable: Cable | AlpacaFocusers | None = None
 
@@ -157,16 +147,13 @@ class StageRig:
                     self.stage.connect()
                     self.stage.home()
                 self.stage.position()
-            except DeviceError as error:
+            except errors.DeviceError as error:
                 reason = error.reason
                 self.clock.sleep(1.0)
             else:
                 if self.stage.condition().usable:
                     return
         raise Broken(f"it does not recover on a clean line: {reason}")
-
-
-# --- promises ---
 
 
 def identifies(rig: StageRig) -> str:
@@ -180,7 +167,7 @@ def homes_first(rig: StageRig) -> str:
     """Nothing moves before homing, also after connecting again."""
     for _ in range(2):
         rig.stage.connect()
-        with refusal(NotHomed):
+        with refusal(errors.NotHomed):
             rig.stage.move_to(**rig.target(0.5))
         require(not rig.moves(), "it moves before homing")
         rig.stage.home()
@@ -207,9 +194,9 @@ def keeps_its_travel(rig: StageRig) -> str:
     before = rig.truth()
     for name, travel in rig.stage.travel().items():
         for value in (travel.high + 0.01, travel.low - 0.01, float("inf"), float("nan")):
-            with refusal(OutsideTravel):
+            with refusal(errors.OutsideTravel):
                 rig.stage.move_to(**{name: value})
-    with refusal(BadConfiguration):
+    with refusal(errors.BadConfiguration):
         rig.stage.move_to(nowhere_mm=1.0)
     require(rig.at(before), "it moved")
     return ""
@@ -220,7 +207,7 @@ def refuses_a_second_mover(rig: StageRig) -> str:
     rig.stage.move_to(**rig.target(0.0))
     one, two = (partial(rig.stage.move_to, **rig.target(share)) for share in (0.6, 0.2))
     first, other = rig.together(one, rig.later(0.3, two))
-    require(first is None and isinstance(other, Rejected), f"the moves ended in {first!r} and {other!r}")
+    require(first is None and isinstance(other, errors.Rejected), f"the moves ended in {first!r} and {other!r}")
     return ""
 
 
@@ -229,7 +216,10 @@ def stops(rig: StageRig, rng: np.random.Generator, tries: int) -> str:
     latencies = []
     for _ in range(tries):
         (moved, stopped), latency = rig.interrupted(rig.stage.stop, rng.uniform(0.2, 1.0))
-        require(stopped is None and isinstance(moved, MoveFailed), f"stop and move ended in {stopped!r} and {moved!r}")
+        require(
+            stopped is None and isinstance(moved, errors.MoveFailed),
+            f"stop and move ended in {stopped!r} and {moved!r}",
+        )
         require(rig.stage.condition().usable, "its position is not trusted after a stop")
         require(rig.at(rig.stage.position()), "it reports a wrong position after a stop")
         latencies.append(latency)
@@ -241,15 +231,12 @@ def stops_in_an_emergency(rig: StageRig, rng: np.random.Generator, tries: int) -
     latencies = []
     for _ in range(tries):
         (moved, stopped), latency = rig.interrupted(rig.stage.emergency_stop, rng.uniform(0.2, 1.0))
-        require(stopped is None and isinstance(moved, EmergencyStopped), f"{stopped!r} and {moved!r}")
-        with refusal(EmergencyStopped):
+        require(stopped is None and isinstance(moved, errors.EmergencyStopped), f"{stopped!r} and {moved!r}")
+        with refusal(errors.EmergencyStopped):
             rig.stage.move_to(**rig.target(0.5))
         rig.stage.home()
         latencies.append(latency)
     return f"{tries} stops: median {np.median(latencies):.3f} s, longest {max(latencies):.3f} s"
-
-
-# --- faults ---
 
 
 def disturb(cable: Cable | AlpacaFocusers, fault: str, now_s: float, rng: np.random.Generator) -> None:
@@ -289,14 +276,13 @@ def operate(rig: StageRig, rng: np.random.Generator, fault: str) -> None:
     outcomes = rig.together(*doing)
     where = f"{what} under {fault}"
     for outcome in outcomes:
-        if isinstance(outcome, Exception) and not isinstance(outcome, DeviceError):
+        if isinstance(outcome, Exception) and not isinstance(outcome, errors.DeviceError):
             raise Broken(f"{where}: {outcome!r} instead of a DeviceError")
     _check(rig, where, goal if what == "move" and outcomes[0] is None else None)
     rig.ready()
 
 
 def _check(rig: StageRig, where: str, goal: Mapping[str, float] | None) -> None:
-    """Nothing moves on a line that works, a move that succeeded is at its goal, what is reported is true."""
     plugged = rig.cable is None or not rig.cable.faults.unplugged(rig.clock.now_s())
     works = plugged and rig.stage.condition().word != "not connected"
     if goal is not None and "reset" not in where:
@@ -309,7 +295,7 @@ def _check(rig: StageRig, where: str, goal: Mapping[str, float] | None) -> None:
     rig.clock.sleep(REST_S)
     try:
         reported = rig.stage.position() if rig.stage.condition().usable else None
-    except DeviceError:
+    except errors.DeviceError:
         return
     if reported is not None and rig.stage.condition().usable:
         require(rig.at(reported), f"{where}: it reports {reported} at {rig.truth()} and is usable")
@@ -324,9 +310,6 @@ def soak(rig: StageRig, rng: np.random.Generator, operations: int, faults: tuple
         except Broken as broken:
             raise Broken(f"operation {n + 1} of {operations}: {broken}") from broken
     return f"{operations} operations"
-
-
-# --- all of them ---
 
 
 def conform(rig: StageRig, *, operations: int, seed: int = 0) -> Iterator[TrialResult]:
@@ -351,7 +334,7 @@ def conform(rig: StageRig, *, operations: int, seed: int = 0) -> Iterator[TrialR
             yield TrialResult(name, True, trial())
         except Broken as broken:
             yield TrialResult(name, False, str(broken))
-        except DeviceError as error:
+        except errors.DeviceError as error:
             yield TrialResult(name, False, f"{type(error).__name__}: {error.reason}")
 
 
@@ -371,6 +354,6 @@ def at_port(table: Mapping[str, Any], folder: Path) -> Iterator[StageRig]:
     """A driver at the port of its table in station.toml."""
     opened = make_bench({"stage": table}, folder=folder)
     try:
-        yield StageRig(opened.stage, SystemClock())
+        yield StageRig(opened.stage, errors.SystemClock())
     finally:
         opened.close()

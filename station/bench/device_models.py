@@ -73,7 +73,15 @@ def read_devices(tables: Mapping[str, Any], source: TableSource | None = None) -
     """The options of the devices of a station.toml. Raises BadConfiguration about the first error."""
     source = source or TableSource(error=BadConfiguration)
     devices = {name: _read_device(name, table, source) for name, table in tables.items()}
-    _check_ports(devices, source)
+    owners: dict[str, str] = {}
+    for name, options in devices.items():
+        port = getattr(options, "port", None)
+        if port in owners:
+            words = f"must differ; {shown(port)} is already given to {owners[port]}"
+            remedy = "name another port; relays and lamps on a stage's controller use `on`"
+            source.refuse(("devices", name, "port"), words, remedy)
+        if port:
+            owners[port] = name
     for name in devices:
         for key, other, kind in named(devices[name]):
             _check_reference(devices, (name, key), other, kind, source)
@@ -90,19 +98,6 @@ def _read_device(name: str, table: Any, source: TableSource) -> DriverOptions:
         source.refuse((*path, "driver"), missing, remedy)
     options = {key: value for key, value in table.items() if key != "driver"}
     return read_model(options_of(driver), options, source, path)
-
-
-def _check_ports(devices: Mapping[str, DriverOptions], source: TableSource) -> None:
-    owners: dict[str, str] = {}
-    for name, options in devices.items():
-        port = getattr(options, "port", None)
-        if port in owners:
-            remedy = "name another port; relays and lamps on a stage's controller use `on`"
-            source.refuse(
-                ("devices", name, "port"), f"must differ; {shown(port)} is already given to {owners[port]}", remedy
-            )
-        if port:
-            owners[port] = name
 
 
 def named(options: DriverOptions) -> list[tuple[str, str, str]]:
@@ -130,8 +125,6 @@ def _check_reference(
     missing = "there is no such device" if other is None else f"{name} is not a {kind}"
     source.refuse(("devices", *path), f"must name a {kind}; it is {shown(given)}, and {missing}", remedy)
 
-
-# --- comparison of two configurations: whether they open the same devices, reached in the same way ---
 
 Tables = Mapping[str, Mapping[str, Any]]
 

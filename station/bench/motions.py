@@ -67,9 +67,6 @@ class Motions:
                 self._ended[name] = motion
 
 
-# --- Emergency stop: each device in a thread of its own, so that none waits for another's port; times on the line ---
-
-
 PATIENCE_S = 0.25
 """How long a stop waits for blocked ports; their threads continue trying."""
 
@@ -115,18 +112,15 @@ def _begin(thread: threading.Thread) -> bool:
 
 def stops_on_wires(stops: Sequence[StopRecord], transcripts: Mapping[str, Transcript]) -> list[StopRequest]:
     """These stops, once done, with the time at which each line sent their bytes; lines without stop bytes are omitted.
-
-    A port that refused the bytes has None.
-    """
+    A port that refused the bytes has None."""
     for stop in stops:
         stop.done.wait(2 * PATIENCE_S)
-    return [StopRequest(stop.at_s, _sent(stop.at_s, transcripts)) for stop in stops]
-
-
-def _sent(since_s: float, transcripts: Mapping[str, Transcript]) -> dict[str, float | None]:
-    sent: dict[str, float | None] = {}
-    for name, transcript in transcripts.items():
-        tries = [entry for entry in transcript.last() if entry.way in "!x" and entry.time_s >= since_s]
-        if tries:
-            sent[name] = next((entry.time_s for entry in tries if entry.way == "!"), None)
-    return sent
+    requests = []
+    for stop in stops:
+        sent: dict[str, float | None] = {}
+        for name, transcript in transcripts.items():
+            tries = [entry for entry in transcript.last() if entry.way in "!x" and entry.time_s >= stop.at_s]
+            if tries:
+                sent[name] = next((entry.time_s for entry in tries if entry.way == "!"), None)
+        requests.append(StopRequest(stop.at_s, sent))
+    return requests

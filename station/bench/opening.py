@@ -88,11 +88,9 @@ class SimulatedSurroundings(Surroundings):
         return self._truth.hands
 
     def stand_before(self, subject: str) -> None:
-        """Place that subject before the camera."""
         self._truth.show(subject)
 
     def number_next_frame(self, number: int) -> None:
-        """Seed the noise of the next frame by this number."""
         self._truth.body.next_number = number
 
 
@@ -207,13 +205,8 @@ class Bench:
 
 
 def read_config(path: Path) -> dict[str, Any]:
-    """The devices' tables of a station.toml, every value checked; empty if it sets only a unit.
-
-    Raises
-    ------
-    BadConfiguration
-        Names the line of the error.
-    """
+    """The devices' tables of a station.toml, every value checked; empty if it sets only a unit. Raises BadConfiguration
+    that names the line of the error."""
     if not path.exists():
         raise BadConfiguration(f"there is no {path}", "write one, or use --simulate")
     try:
@@ -246,7 +239,6 @@ def make_bench(
 
 
 def _depth(devices: Mapping[str, DriverOptions], name: str) -> int:
-    """Number of devices that must be created before this one, in sequence."""
     return max((1 + _depth(devices, other) for _, other, _ in named(devices[name])), default=0)
 
 
@@ -303,7 +295,6 @@ SHAKER: dict[str, Any] = {
     "box": "shutter",
     "axes": [{"name": "x_mm", "channel": 0, "stroke": 2.0}, {"name": "y_mm", "channel": 1, "stroke": 2.0}],
 }
-"""Configuration of the simulated bench's shaker."""
 
 
 def fit_shaker(bench: Bench, *, wanted: bool) -> None:
@@ -327,7 +318,6 @@ ROOM = {
     "temperature": "MEAS:TEMP?", "temperature_uncertainty": 0.1,
     "humidity": "MEAS:HUM?", "humidity_uncertainty": 2.0,
 }  # fmt: skip
-"""Quantities of the simulated bench's probe."""
 
 
 def simulated_tables(address: Callable[[str], str], folder: Path, *, shaker: bool = False) -> dict[str, dict[str, Any]]:

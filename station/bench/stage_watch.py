@@ -46,7 +46,11 @@ class StageWatch:
     def _state(self, name: str, condition: Condition) -> DeviceState:
         motion = self.bench.motions.motion_of(name)
         if motion is None:
-            self._after(name, self.bench.motions.take_ended(name), condition)
+            ended = self.bench.motions.take_ended(name)
+            if ended is not None and (ended.target or condition.usable):
+                self._ask(name)
+            elif ended is not None:
+                self._last_places.pop(name, None)
             return DeviceState(name, condition, places=self._last_places.get(name, {}))
         if not motion.target:  # a controller does not answer while homing
             return DeviceState(name, Condition(HOMING, condition.usable, condition.remedy), moving=True)
@@ -54,15 +58,7 @@ class StageWatch:
         here = self._last_places.get(name, {})
         return DeviceState(name, Condition(self._under_way(name, motion, here)), moving=True, places=here)
 
-    def _after(self, name: str, ended: Motion | None, condition: Condition) -> None:
-        """Position after a motion; before homing, a controller's position is meaningless."""
-        if ended is not None and (ended.target or condition.usable):
-            self._ask(name)
-        elif ended is not None:
-            self._last_places.pop(name, None)
-
     def _ask(self, name: str) -> None:
-        """Read the position from the line; if it does not answer, the last one is kept."""
         stage: Any = self.bench.devices[name]
         with suppress(DeviceError):
             self._last_places[name] = dict(stage.position())
@@ -72,15 +68,11 @@ class StageWatch:
             self._began[name] = motion, here
         begin = self._began[name][1]
         moves = [move_text(axis, here[axis], goal) for axis, goal in motion.target.items() if axis in here]
-        left_s = self._left_s(motion, begin, here)
-        return "moving " + ", ".join([*moves, *([f"{left_s:.0f} s left"] if left_s is not None else [])])
-
-    def _left_s(self, motion: Motion, begin: Mapping[str, float], here: Mapping[str, float]) -> float | None:
-        """Remaining time of the longest move at its present speed; None if not known yet."""
         elapsed_s = self.bench.clock.now_s() - motion.began_s
         left = []
         for axis, goal in motion.target.items():
             whole, gone = abs(goal - begin.get(axis, goal)), abs(here.get(axis, goal) - begin.get(axis, goal))
             if whole and gone > NEAR * whole:
                 left.append(elapsed_s * (whole - gone) / gone)
-        return max(left, default=None)
+        left_s = max(left, default=None)
+        return "moving " + ", ".join([*moves, *([f"{left_s:.0f} s left"] if left_s is not None else [])])

@@ -38,57 +38,17 @@ class CameraMetadata:
 def read_metadata(data: bytes, exposure: Exposure) -> CameraMetadata:
     """The metadata in a file's content; without directories, those of the exposure."""
     try:
-        first, order = _first_directory(_tiff_part(data))
+        part = _tiff_part(data)
+        order = {b"II*\0": "<", b"MM\0*": ">"}[part[:4]]
+        first = dict(_entries(part, order, struct.unpack_from(order + "I", part, 4)[0]))
         at = int.from_bytes(first[EXIF][2][:4], "little") if EXIF in first else 0
-        exif = dict(_entries(_tiff_part(data), order, at)) if at else {}
+        exif = dict(_entries(part, order, at)) if at else {}
     except (struct.error, KeyError, IndexError):
         first, exif = {}, {}
     camera = {} if exposure.camera is None else {272: text(exposure.camera)}
     picture = {tag: first[tag] for tag in PICTURE if tag in first}
     colour = {tag: first[tag] for tag in COLOUR if tag in first}
     exif = {tag: entry for tag, entry in exif.items() if tag not in EXCLUDED}
-    return CameraMetadata({**camera, **picture}, colour, {**_of_exposure(exposure), **exif})
-
-
-def exposure_of(frames: Sequence[RawFrame]) -> Exposure | None:
-    """The common exposure of photographs, with fields None where they differ; None without photographs."""
-    if not frames:
-        return None
-    names = ("camera", "lens", "f_number", "focal_length_mm", "subject_distance_mm")
-    exposures = [asdict(frame.exposure) for frame in frames]
-    same = {name: {exposure[name] for exposure in exposures} for name in names}
-    return Exposure(**{name: next(iter(values)) for name, values in same.items() if len(values) == 1})
-
-
-def _tiff_part(data: bytes) -> bytes:
-    """The part of a file in TIFF layout: all of it, or a PNG's eXIf chunk."""
-    at = data.find(b"eXIf") if data[:4] == b"\x89PNG" else -1
-    return data[at + 4 :] if at >= 0 else data
-
-
-def _first_directory(data: bytes) -> tuple[dict[int, Entry], str]:
-    order = {b"II*\0": "<", b"MM\0*": ">"}[data[:4]]
-    return dict(_entries(data, order, struct.unpack_from(order + "I", data, 4)[0])), order
-
-
-def _entries(data: bytes, order: str, at: int) -> Iterator[tuple[int, Entry]]:
-    """The entries of the directory at an offset, with little-endian numbers."""
-    (count,) = struct.unpack_from(order + "H", data, at)
-    for i in range(count):
-        tag, kind, n = struct.unpack_from(order + "HHI", data, at + 2 + 12 * i)
-        size = SIZES.get(kind, 0) * n * (2 if kind in PAIRS else 1)
-        if not 0 < size <= MAX_BYTES:
-            continue
-        place = at + 10 + 12 * i
-        if size > 4:
-            (place,) = struct.unpack_from(order + "I", data, place)
-        raw = data[place : place + size]
-        if len(raw) == size:
-            little = raw if order == "<" else np.frombuffer(raw, np.uint8).reshape(-1, SIZES[kind])[:, ::-1].tobytes()
-            yield tag, (kind, n, little)
-
-
-def _of_exposure(exposure: Exposure) -> dict[int, Entry]:
     numbers = {
         33434: exposure.exposure_s,
         33437: exposure.f_number,
@@ -102,4 +62,35 @@ def _of_exposure(exposure: Exposure) -> dict[int, Entry]:
         entries[42036] = text(exposure.lens)
     if exposure.captured_at:
         entries[36867] = text(exposure.captured_at.replace("-", ":").replace("T", " "))
-    return entries
+    return CameraMetadata({**camera, **picture}, colour, {**entries, **exif})
+
+
+def exposure_of(frames: Sequence[RawFrame]) -> Exposure | None:
+    """The common exposure of photographs, with fields None where they differ; None without photographs."""
+    if not frames:
+        return None
+    names = ("camera", "lens", "f_number", "focal_length_mm", "subject_distance_mm")
+    exposures = [asdict(frame.exposure) for frame in frames]
+    same = {name: {exposure[name] for exposure in exposures} for name in names}
+    return Exposure(**{name: next(iter(values)) for name, values in same.items() if len(values) == 1})
+
+
+def _tiff_part(data: bytes) -> bytes:
+    at = data.find(b"eXIf") if data[:4] == b"\x89PNG" else -1
+    return data[at + 4 :] if at >= 0 else data
+
+
+def _entries(data: bytes, order: str, at: int) -> Iterator[tuple[int, Entry]]:
+    (count,) = struct.unpack_from(order + "H", data, at)
+    for i in range(count):
+        tag, kind, n = struct.unpack_from(order + "HHI", data, at + 2 + 12 * i)
+        size = SIZES.get(kind, 0) * n * (2 if kind in PAIRS else 1)
+        if not 0 < size <= MAX_BYTES:
+            continue
+        place = at + 10 + 12 * i
+        if size > 4:
+            (place,) = struct.unpack_from(order + "I", data, place)
+        raw = data[place : place + size]
+        if len(raw) == size:
+            little = raw if order == "<" else np.frombuffer(raw, np.uint8).reshape(-1, SIZES[kind])[:, ::-1].tobytes()
+            yield tag, (kind, n, little)

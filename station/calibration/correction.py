@@ -30,10 +30,8 @@ DESCRIPTION = "linear light, 0 black, 65535 white, camera colours not balanced; 
 
 @dataclass(frozen=True, eq=False)
 class Corrected:
-    """A photograph and further ones of the same scene, with the correction and the metadata of the first.
-
-    `undone` and `evened` are the planes corrected for lateral colour and for vignetting.
-    """
+    """A photograph and further ones of the same scene, with the correction and the metadata of the first. `undone` and
+    `evened` are the planes corrected for lateral colour and for vignetting."""
 
     frame: RawFrame
     outcome: Outcome[Correction]
@@ -91,10 +89,8 @@ class TypedAperture:
 def unknown_with_typed(
     unknown: list[str], typed: TypedAperture, fields: Mapping[str, PsfField], frame: RawFrame, camera: Exposure | None
 ) -> list[str]:
-    """The unknown settings less those that a typed f-number stands for, if the field's far tail agrees with it.
-
-    Raises Refused if the field has another aperture, by its file or by its far tail.
-    """
+    """The unknown settings less those that a typed f-number stands for, if the field's far tail agrees with it. Raises
+    Refused if the field has another aperture, by its file or by its far tail."""
     if camera is not None:
         check_exposure(replace(frame.exposure, f_number=typed.f_number), camera)
     pitch = typed.pixel_pitch_um or frame.exposure.pixel_pitch_um
@@ -121,7 +117,6 @@ def _with_green(frame: RawFrame) -> RawFrame:
 
 
 def _judged(outcome: Outcome[Correction], frame: RawFrame) -> Outcome[Correction]:
-    """The outcome, doubtful where the development is not known."""
     if frame.development is None or outcome.value is None:
         return outcome
     for doubt in (wrong_curve([frame]), _by_curve(outcome.value), unknown_of([frame.development])):
@@ -130,7 +125,6 @@ def _judged(outcome: Outcome[Correction], frame: RawFrame) -> Outcome[Correction
 
 
 def _by_curve(value: Correction) -> tuple[str, str] | None:
-    """Doubt by a tone curve that is not known."""
     if (error := value.curve_error) is None:
         return None
     reason = (
@@ -147,10 +141,8 @@ _DEMOSAICKED = (
 
 
 def _unknown(frames: Sequence[RawFrame], camera: Exposure | None) -> list[str]:
-    """Settings for which it is not known whether they agree with those of the field.
-
-    Raises Refused if one differs; names the photograph where there are several.
-    """
+    """Settings for which it is not known whether they agree with those of the field. Raises Refused if one differs;
+    names the photograph where there are several."""
     unknown: list[str] = []
     for frame in frames:
         try:
@@ -167,10 +159,16 @@ def correction_files(corrected: Corrected) -> dict[str, bytes | Callable[[Path],
     if value is None:
         return {}
     pictures = picture_file(corrected.frame, value.picture, words="corrected picture")
+    predicted = value.prediction
+    y, x = np.meshgrid(predicted.y, predicted.x, indexing="ij")
+    columns = {
+        "x_px": x / value.scale, "y_px": y / value.scale, "mtf50_before_cycles_px": value.scale * predicted.before,
+        "mtf50_after_cycles_px": value.scale * predicted.after, NOISE_GAIN: predicted.noise_gain,
+    }  # fmt: skip
     return {
         TIFF: lambda path: write_tiff(path, value.picture, metadata, DESCRIPTION),
         **(pictures or {DNG: lambda path: write_linear_dng(path, value.picture, metadata)}),
-        MAPS: _maps(value),
+        MAPS: csv_columns({name: column.ravel() for name, column in columns.items()}, 6),
     }
 
 
@@ -241,14 +239,3 @@ def _number(values: Any, unit: str) -> dict[str, Any]:
     return {
         "median": float(np.median(values)), "least": float(values.min()), "greatest": float(values.max()), "unit": unit
     }  # fmt: skip
-
-
-def _maps(value: Correction) -> bytes:
-    """Predicted MTF50 and noise over the frame, a place per row."""
-    predicted = value.prediction
-    y, x = np.meshgrid(predicted.y, predicted.x, indexing="ij")
-    columns = {
-        "x_px": x / value.scale, "y_px": y / value.scale, "mtf50_before_cycles_px": value.scale * predicted.before,
-        "mtf50_after_cycles_px": value.scale * predicted.after, NOISE_GAIN: predicted.noise_gain,
-    }  # fmt: skip
-    return csv_columns({name: column.ravel() for name, column in columns.items()}, 6)

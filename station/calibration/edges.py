@@ -84,7 +84,6 @@ def measure_edges(
 
 
 def _result(plane: Plane, best: EdgeOutcome, at: Sequence[float]) -> PlaneResult:
-    """The plane's result, from its best edge."""
     edge = best.value
     rows, columns = plane.samples.shape
     roi = best.roi
@@ -101,7 +100,6 @@ def _probable(edge: EdgeMtf) -> dict[str, float]:
 
 
 def _numbers(edge: EdgeMtf, at: Sequence[float]) -> dict[str, Quantity]:
-    """An edge's numbers, and its MTF at frequencies in cycles per pixel of the plane."""
     return {**edge.numbers, **{name_at(f): number for f in at if (number := edge.at(f)) is not None}}
 
 
@@ -110,7 +108,11 @@ def edge_measurement(photograph: PhotographEdges, head: RecordHead, terms: Terms
     files: dict[str, Any] = {}
     for record in photograph.records:
         if record.edges:
-            files[f"mtf_{record.name}.csv"] = edge_table(record.edges, record.result)
+            columns = {f"frequency [{record.result.unit}]": record.edges[0].frequencies * record.result.factor}
+            for number, edge in enumerate(record.edges, 1):
+                name = "mtf" if number == 1 else f"mtf_{number}"
+                columns[name], columns[f"{name}_uncertainty"] = edge.mtf, edge.uncertainty
+            files[f"mtf_{record.name}.csv"] = csv_columns(columns, 9)
             measured = [outcome for outcome in record.outcomes if outcome.value is not None]
             plane, unit = photograph.frame.planes[record.name], str(record.result.unit)
             files[f"edge_{record.name}.png"] = edge_picture(plane, measured, unit, record.result.factor)
@@ -125,23 +127,12 @@ def edge_measurement(photograph: PhotographEdges, head: RecordHead, terms: Terms
     )  # fmt: skip
 
 
-def edge_table(edges: Sequence[EdgeMtf], result: PlaneResult) -> bytes:
-    """The MTFs as CSV: frequency in the result's unit, then MTF and uncertainty of each edge."""
-    columns = {f"frequency [{result.unit}]": edges[0].frequencies * result.factor}
-    for number, edge in enumerate(edges, 1):
-        name = "mtf" if number == 1 else f"mtf_{number}"
-        columns[name], columns[f"{name}_uncertainty"] = edge.mtf, edge.uncertainty
-    return csv_columns(columns, 9)
-
-
 def _entries(record: EdgeRecord) -> dict[str, Any]:
-    """Every edge that has a position, with its own verdict."""
     edges = [_edge_entry(outcome, record) for outcome in record.outcomes if outcome.roi is not None]
     return {"edges": edges} if edges else {}
 
 
 def _edge_entry(outcome: EdgeOutcome, record: EdgeRecord) -> dict[str, Any]:
-    """One edge: verdict and position; unless it is refused, its numbers and the details of the measurement."""
     roi, edge, result = outcome.roi, outcome.value, record.result
     entry: dict[str, Any] = {
         **verdict_entry(outcome),

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -10,13 +11,43 @@ from procedures.field.conclusion import FieldResult, Limit, PlaneField
 from procedures.field.maps import MAPS, numbers_of, radius_direction
 from procedures.field.measuring import MeasuredFrames
 from procedures.numbers import MTF50_MERIDIONAL, MTF50_RADIAL, MTF50_SAGITTAL, OF_PLACES
-from procedures.outcome import Outcome, Quantity
+from procedures.outcome import BadInput, Outcome, Quantity
 from procedures.psf_field import PsfField
 from procedures.quality import Diffraction, assess
+from procedures.reading.arrays import checked_array
+from procedures.sensor.photon_transfer import GainAndNoise
+from procedures.whole_camera.from_field import CameraPart, sensor_parts, vignetting_parts
+from station.calibration.sensor_models import sensor_record
+from station.calibration.vignetting import read_joint_formula
 from station.results.limits import Place, Specification, Spot
 from station.results.plane_result import PlaneResult
 from station.results.terms import Terms
 from station.results.units import Pixels, convert_quantity
+
+_GIVE = "measure it again: results of older versions have no joint covariance"
+SHAPES = {"values": (2,), "covariance": (2, 2)}
+
+
+def other_parts(vignetting: Path | None, sensor: Path | None) -> list[CameraPart]:
+    """The parts from results of `vignetting` and `sensor`. Raises BadInput for others, or without a covariance."""
+    parts = vignetting_parts(read_joint_formula(vignetting)) if vignetting else []
+    return parts + (sensor_parts(read_gain_and_noise(sensor)) if sensor else [])
+
+
+def read_gain_and_noise(path: Path) -> dict[str, GainAndNoise]:
+    """Gain and dark noise of every plane of a sensor's record. Raises BadInput where it has none."""
+    with sensor_record(path) as stored:
+        planes = stored.data["planes"]
+        entries = {name: plane["gain_and_noise"] for name, plane in planes.items() if "gain_and_noise" in plane}
+        if not entries:
+            raise BadInput(f"{path} has no covariance of gain and noise for any plane", _GIVE)
+        return {
+            name: GainAndNoise(*(
+                checked_array(entry[key], f"{key} of gain and noise", shape, remedy=_GIVE)
+                for key, shape in SHAPES.items()
+            ))
+            for name, entry in entries.items()
+        }  # fmt: skip
 
 
 def centre_result(name: str, outcome: Outcome[PlaneField], pitch: int = 1) -> PlaneResult:
@@ -41,16 +72,13 @@ def field_pixels(measured: MeasuredFrames, pitch_um: float | None = None) -> dic
 
 def field_results(result: FieldResult, terms: Terms, pixels: Mapping[str, Pixels], limit: Limit) -> list[PlaneResult]:
     """Every plane's, in their order, held to the specification at all places that it names, in the unit asked for."""
-    return [_in_terms(name, result, terms, pixels[name], limit) for name in result.planes]
+    records = []
+    for name, outcome in result.planes.items():
+        plane = result.measured.planes[name]
+        spots = field_spots(outcome.value, terms.specification, terms.frequencies(pixels[name]), limit(plane))
+        records.append(terms.apply(centre_result(name, outcome, plane.pitch), pixels[name], spots))
+    return records
 
-
-def _in_terms(name: str, result: FieldResult, terms: Terms, pixels: Pixels, limit: Limit) -> PlaneResult:
-    outcome, plane = result.planes[name], result.measured.planes[name]
-    spots = field_spots(outcome.value, terms.specification, terms.frequencies(pixels), limit(plane))
-    return terms.apply(centre_result(name, outcome, plane.pitch), pixels, spots)
-
-
-# --- places of a specification ---
 
 OUT = 0.8
 """How far out, of the frame's half sides, its sides and corners are sampled."""
@@ -102,7 +130,6 @@ def field_places(field: PsfField, plane: PlaneResult) -> tuple[float, dict[str, 
 
 
 def _in_unit(field: PsfField, u: float, v: float, plane: PlaneResult) -> dict[str, Quantity]:
-    """The numbers at a place in a plane's unit."""
     numbers = _numbers(field, u, v, (), None)
     return {name: convert_quantity(number, plane.unit, plane.factor) for name, number in numbers.items()}
 
@@ -128,7 +155,6 @@ def _reached(field: PsfField, u: float, v: float) -> bool:
 def _numbers(
     field: PsfField, u: float, v: float, at: Sequence[float], limit: Diffraction | None
 ) -> dict[str, Quantity]:
-    """All numbers of the PSF at a place, and those about the radius, with the field's own error in them."""
     x, y = _position(field, u, v)
     psf, n = field.at(x, y), len(field.nodes)
     numbers = dict(assess(psf, n=n, diffraction=limit, at=at).numbers)

@@ -18,20 +18,14 @@ def photographs(folder: Path) -> list[Path]:
     if not folder.is_dir():
         raise BadParameter(f"there is no folder {folder}", "name the folder of the photographs, or a session's")
     session = is_session(folder)
-    paths = _accepted(folder) if session else _plain(folder)
+    paths = [inside(folder, shot.path) for shot in read_session(folder).state.counting()] if session else _plain(folder)
     if not paths:
         what = "accepted photographs" if session else "photographs"
         raise BadParameter(f"there are no {what} in {folder}", "name a folder that holds RAW, PGM, PNG or TIFF files")
     return paths
 
 
-def _accepted(folder: Path) -> list[Path]:
-    """The photographs of a session that count, in the order of their shots."""
-    return [inside(folder, shot.path) for shot in read_session(folder).state.counting()]
-
-
 def _plain(folder: Path) -> list[Path]:
-    """The photographs that lie in the folder itself, or in its `originals`, by name."""
     place = folder / ORIGINALS if (folder / ORIGINALS).is_dir() else folder
     paths = (path for path in place.iterdir() if path.suffix.lower() in RAW_SUFFIXES | GREY_SUFFIXES)
     return sorted(path for path in paths if not path.is_dir() and not path.name.startswith("."))

@@ -158,7 +158,6 @@ def _named(frames: Sequence[Path], name: str) -> list[Path]:
 
 
 def _row(frames: Sequence[Path], names: Sequence[str], table: Path, least: int, most: int) -> Item:
-    """The item of a row."""
     matches = [_named(frames, name) for name in names]
     words = [f"{len(match) or 'no'} photographs are called {printable(name)}"
              for name, match in zip(names, matches, strict=True) if len(match) != 1]  # fmt: skip

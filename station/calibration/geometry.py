@@ -117,7 +117,6 @@ def _measure(path: Path, *, plane: str | None, chart: Chart, layout: DumpLayout 
 
 
 def _size(frame: RawFrame) -> tuple[int, int]:
-    """Columns and rows of the sensor."""
     plane = next(iter(frame.planes.values()))
     rows, columns = plane.samples.shape
     return columns * plane.pitch, rows * plane.pitch
@@ -143,25 +142,20 @@ def _by_plane(measured: Sequence[_Measured]) -> list[GeometryPhotographs]:
 def conclude(
     shoots: Sequence[GeometryPhotographs], parameters: GeometryParameters, frame_rate_hz: float | None = None
 ) -> list[PlaneGeometry]:
-    """The camera of every plane, or the reason why it has none; a refusal mentions a photograph without a view.
-
-    With a frame rate the photographs are all frames of a video, in their order.
-    """
+    """The camera of every plane, or the reason why it has none; a refusal mentions a photograph without a view. With a
+    frame rate the photographs are all frames of a video, in their order."""
     if frame_rate_hz is not None:
         parameters = replace(parameters, is_video=True)
-        shoots = [_timed(shoot, frame_rate_hz) for shoot in shoots]
+        shoots = [
+            replace(shoot, records=tuple(
+                record if record.view is None else replace(record, view=replace(record.view, time_s=i / frame_rate_hz))
+                for i, record in enumerate(shoot.records)
+            ))
+            for shoot in shoots
+        ]  # fmt: skip
     return [
         PlaneGeometry(one, _with_missed(calibrate_geometry(one.views, one.size, parameters), one)) for one in shoots
     ]
-
-
-def _timed(shoot: GeometryPhotographs, frame_rate_hz: float) -> GeometryPhotographs:
-    """The photographs with the times of their views."""
-    records = (
-        record if record.view is None else replace(record, view=replace(record.view, time_s=i / frame_rate_hz))
-        for i, record in enumerate(shoot.records)
-    )
-    return replace(shoot, records=tuple(records))
 
 
 def _with_missed(outcome: Outcome[Geometry], shoot: GeometryPhotographs) -> Outcome[Geometry]:

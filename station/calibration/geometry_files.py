@@ -11,8 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from procedures.geometry.cameras import distortion
-from procedures.geometry.estimate import Geometry, PosedView
-from procedures.geometry.formulas import FittedFormula
+from procedures.geometry.estimate import Geometry
 from procedures.geometry.spline_camera import SplineCamera
 from procedures.outcome import Outcome, Quantity
 from procedures.raw import RawFrame
@@ -39,7 +38,20 @@ def geometry_measurement(
     cameras = {plane.shoot.plane: plane.outcome.value for plane in planes if plane.outcome.value is not None}
     files: dict[str, bytes | Callable[[Path], None]] = {}
     for name, camera in cameras.items():
-        files |= _tables(table_prefix(name, len(planes)), camera)
+        prefix = table_prefix(name, len(planes))
+        first = camera.maps[0]
+        x, y = (one.ravel() for one in np.meshgrid(first.x, first.y))
+        dx, dy = distortion(camera.camera, np.column_stack([x, y])).T
+        maps = {f"uncertainty_px_at_{one.distance_mm:g}_mm": one.value.ravel() for one in camera.maps}
+        files |= {
+            f"{prefix}covariance.npy": npy(camera.covariance),
+            f"{prefix}joint_covariance.npy": npy(camera.adjustment.full_covariance),
+            f"{prefix}{CHART}": npy(camera.shape.deviations_mm),
+            f"{prefix}{NODES}": npy(camera.adjustment.problem.nodes),
+            f"{prefix}{POINTS}": npy(_points(camera)),
+            f"{prefix}residuals.csv": csv_bytes(_residual_rows(camera)),
+            f"{prefix}projection.csv": csv_columns({"x": x, "y": y, "distortion_x": dx, "distortion_y": dy, **maps}, 6),
+        }
         file = "camera.h5" if len(planes) == 1 else f"camera_{name}.h5"
         files[file] = partial(_write_camera, camera, head, scale)
     if cameras:
@@ -73,7 +85,6 @@ def _plane(one: PlaneGeometry, scale: ChartScale | None) -> PlaneResult:
 
 
 def _entries(geometry: Geometry) -> dict[str, Any]:
-    """Entries of a camera in addition to its numbers."""
     camera = geometry.camera
     budgets, numbers = geometry.budgets(), geometry.numbers()
     return {
@@ -88,23 +99,37 @@ def _entries(geometry: Geometry) -> dict[str, Any]:
             "pixel_centres": "at integers; COLMAP's own numbers have 0.5 more in cx and cy",
         },
         "smoothness": [asdict(trial) for trial in geometry.trials],
-        "formulas": [_formula_entry(formula) for formula in geometry.formulas],
+        "formulas": [
+            {
+                "model": formula.camera.model, "names": list(formula.camera.names),
+                "params": formula.camera.params.tolist(), "covariance": formula.covariance.tolist(),
+                **asdict(formula.difference), "share": formula.share,
+            }
+            for formula in geometry.formulas
+        ],
         "misfit": {"probability": geometry.misfit.probability, "rms_px": geometry.misfit.rms_px},
         "residual_scale": geometry.residual_scale,
         "covered_share": geometry.covered,
         "region": geometry.region.tolist(),
-        "views": [_view_entry(view, geometry.distance_budget(i)) for i, view in enumerate(geometry.views)],
+        "views": [  # X_camera = R X_chart + t, in mm from the chart's centre
+            {
+                "source": view.view.source, "points": len(view.view),
+                "distance": asdict(view.distance) | {"budget": geometry.distance_budget(i)},
+                "tilt_deg": view.tilt_deg, "residual_rms_px": view.rms_px,
+                "R": view.pose.R.tolist(), "t_mm": view.pose.t.tolist(),
+            }
+            for i, view in enumerate(geometry.views)
+        ],
         "next_view": None if geometry.next_view is None else asdict(geometry.next_view),
         "chart": {
             **{name: asdict(number) for name, number in geometry.shape.terms.items()},
             "node_mm": list(geometry.shape.node_mm),
             "scale_uncertainty": geometry.shape.scale_uncertainty,
         },
-    }
+    }  # fmt: skip
 
 
 def _write_camera(geometry: Geometry, head: RecordHead, scale: ChartScale | None, path: Path) -> None:
-    """camera.h5: the camera alone, with the budget of its numbers and the record of the chart's scale."""
     camera, outcome = geometry.camera, Outcome(geometry)
     part = CameraPart("geometry", camera.names, camera.units, camera.params, geometry.covariance, "the chart's views")
     provenance = {"input": json.dumps([asdict(one) for one in head.input]), "parameters": json.dumps(head.parameters)}
@@ -112,45 +137,7 @@ def _write_camera(geometry: Geometry, head: RecordHead, scale: ChartScale | None
     write_camera_numbers(path, WholeCamera(join([part], {}), (), (), outcome), provenance)
 
 
-def _formula_entry(formula: FittedFormula) -> dict[str, Any]:
-    """A parametric model: parameters with covariance, and its loss over the covered frame."""
-    return {
-        "model": formula.camera.model,
-        "names": list(formula.camera.names),
-        "params": formula.camera.params.tolist(),
-        "covariance": formula.covariance.tolist(),
-        **asdict(formula.difference),
-        "share": formula.share,
-    }
-
-
-def _view_entry(view: PosedView, budget: dict[str, float]) -> dict[str, Any]:
-    """Pose, distance and residual of a view: X_camera = R X_chart + t, in mm from the chart's centre."""
-    return {
-        "source": view.view.source,
-        "points": len(view.view),
-        "distance": asdict(view.distance) | {"budget": budget},
-        "tilt_deg": view.tilt_deg,
-        "residual_rms_px": view.rms_px,
-        "R": view.pose.R.tolist(),
-        "t_mm": view.pose.t.tolist(),
-    }
-
-
-def _tables(prefix: str, geometry: Geometry) -> dict[str, bytes]:
-    return {
-        f"{prefix}covariance.npy": npy(geometry.covariance),
-        f"{prefix}joint_covariance.npy": npy(geometry.adjustment.full_covariance),
-        f"{prefix}{CHART}": npy(geometry.shape.deviations_mm),
-        f"{prefix}{NODES}": npy(geometry.adjustment.problem.nodes),
-        f"{prefix}{POINTS}": npy(_points(geometry)),
-        f"{prefix}residuals.csv": csv_bytes(_residual_rows(geometry)),
-        f"{prefix}projection.csv": _projection(geometry),
-    }
-
-
 def _points(geometry: Geometry) -> npt.NDArray[np.float64]:
-    """Every point: view, node, x, y, variance of x, covariance, variance of y."""
     views = [one.view for one in geometry.views]
     return np.concatenate([
         np.column_stack([np.full(len(view), i), view.index, view.points, view.covariance.reshape(-1, 4)[:, [0, 1, 3]]])
@@ -168,19 +155,9 @@ def _numbers(plane: str, geometry: Geometry) -> Iterator[tuple[str, str, Quantit
 
 
 def _residual_rows(geometry: Geometry) -> Iterator[tuple[object, ...]]:
-    """Every correspondence: position, residual and standard uncertainty."""
     yield "source", "node", "x", "y", "residual_x", "residual_y", "sigma_x", "sigma_y"
     for view in geometry.views:
         sigma = np.sqrt(np.einsum("naa->na", view.view.covariance))
         columns = np.hstack([view.view.points, view.residual_px, sigma])
         for node, row in zip(view.view.index, columns, strict=True):
             yield view.view.source, int(node), *(f"{value:.6g}" for value in row)
-
-
-def _projection(geometry: Geometry) -> bytes:
-    """Maps over the frame: distortion, and projection uncertainty at each distance."""
-    first = geometry.maps[0]
-    x, y = (one.ravel() for one in np.meshgrid(first.x, first.y))
-    dx, dy = distortion(geometry.camera, np.column_stack([x, y])).T
-    maps = {f"uncertainty_px_at_{one.distance_mm:g}_mm": one.value.ravel() for one in geometry.maps}
-    return csv_columns({"x": x, "y": y, "distortion_x": dx, "distortion_y": dy, **maps}, 6)

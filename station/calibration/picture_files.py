@@ -49,7 +49,6 @@ def _write(
     path: Path, picture: Linear, tags: Mapping[int, Entry], exif: Mapping[int, Entry],
     scaled: Callable[[Linear], Linear],
 ) -> None:  # fmt: skip
-    """Header, directories, and the samples strip by strip."""
     channels, rows, columns = picture.shape
     tops = range(0, rows, STRIP_ROWS)
     sizes = [2 * channels * columns * min(STRIP_ROWS, rows - top) for top in tops]

@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -65,8 +64,9 @@ def calibrate(
             if plane.name in sensor.noise:
                 result = replace(result, information=sensor.information(plane.name, outcome.value.psf))
             if physics:
-                report = partial(_of_plane, progress, plane.name)
-                physical = estimate_physics(outcome.value.psf, limit(plane), plane.pitch, report)
+                physical = estimate_physics(
+                    outcome.value.psf, limit(plane), plane.pitch, lambda words: progress(f"{plane.name}: {words}", 0)
+                )
                 result = replace(result, physics=physical)
         return replace(result, duration_s=time.perf_counter() - start)
 
@@ -76,10 +76,8 @@ def calibrate(
 def calibrate_wall(
     frames: Sequence[RawFrame], parameters: TwoPhotoParameters, limit: Limit = lambda plane: None
 ) -> Iterator[PlaneResult]:
-    """Every plane of two or more photographs of one wall, in any order, as `calibrate` does.
-
-    Raises BadInput if they have different planes.
-    """
+    """Every plane of two or more photographs of one wall, in any order, as `calibrate` does. Raises BadInput if they
+    have different planes."""
     first, *others = frames
     for other in others:
         if list(first.planes) != list(other.planes):
@@ -101,7 +99,6 @@ def calibrate_wall(
 def _of_wall(
     frames: Sequence[RawFrame], name: str, parameters: TwoPhotoParameters, diffraction: Diffraction | None
 ) -> Outcome[TwoPhotoPsf]:
-    """The outcome of one plane; refused where other settings than distance and focus differ."""
     from procedures.two_photo.several import estimate_psf_of_wall  # a slow import
     from procedures.two_photo.trust import check_settings
 
@@ -111,10 +108,6 @@ def _of_wall(
     except Refused as refusal:
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
     return estimate_psf_of_wall([frame.planes[name] for frame in frames], parameters, diffraction)
-
-
-def _of_plane(progress: Progress, name: str, words: str) -> None:
-    progress(f"{name}: {words}", 0)
 
 
 def _side_by_side(estimate: Callable[[Plane], PlaneResult], planes: Sequence[Plane]) -> Iterator[PlaneResult]:
@@ -153,7 +146,6 @@ def plane_result(plane: Plane, outcome: Outcome[Any], exposure: Exposure | None 
 
 
 def _place(plane: Plane, estimate: PatternPsf | CombinedPsf | TwoPhotoPsf) -> str:
-    """Position of the chart in the frame; "" without a chart."""
     if not estimate.charts:
         return ""
     x, y = np.mean([np.nanmean(chart.marks, axis=0) for chart in estimate.charts], axis=0).tolist()
@@ -182,7 +174,6 @@ def diffraction_limit(
 
 
 def _missing(*, pitch: bool, aperture: bool) -> BadParameter:
-    """The error for missing inputs of the physics of a PSF."""
     inputs = (
         (pitch, "the sensor's pitch", "--pixel-pitch-um"),
         (aperture, "the f-number, which the camera did not record", "--f-number"),

@@ -44,9 +44,7 @@ def library_folder() -> Path:
 
 def add_profile(result: Path, given: Exposure, library: Path, *, replace: bool = False) -> Profile:
     """Copy the field of a result into the library; settings that are given take precedence over those in its file.
-
-    Raises BadInput if there is no field; BadParameter if the key is incomplete, or the library has it.
-    """
+    Raises BadInput if there is no field; BadParameter if the key is incomplete, or the library has it."""
     source = field_path(result)
     recorded = read_camera(source) or Exposure()
     exposure = completed(given, recorded)
@@ -56,7 +54,11 @@ def add_profile(result: Path, given: Exposure, library: Path, *, replace: bool =
             f"a profile needs camera, lens and f-number; {source} does not record its {', '.join(missing)}",
             " and ".join(f"give --{name.replace('_', '-')}" for name in missing),
         )
-    path = library / _file_name(exposure)
+    focal, focus = exposure.focal_length_mm, exposure.subject_distance_mm
+    words = [exposure.camera, exposure.lens, f"f{exposure.f_number:g}"]
+    words += [f"{focal:g}mm"] if focal else []
+    words += [f"{focus / 1000:g}m"] if focus else []
+    path = library / ("_".join(re.sub(r"[^0-9A-Za-z.]+", "-", str(word)).strip("-.") for word in words) + ".h5")
     if path.exists() and not replace:
         raise BadParameter(f"the library has a profile with these settings, {path}", "give --replace")
     library.mkdir(parents=True, exist_ok=True)
@@ -76,24 +78,14 @@ def completed(given: Exposure, recorded: Exposure) -> Exposure:
     return Exposure(**{name: getattr(given, name) or getattr(recorded, name) for name in names})
 
 
-def _file_name(exposure: Exposure) -> str:
-    focal, focus = exposure.focal_length_mm, exposure.subject_distance_mm
-    words = [exposure.camera, exposure.lens, f"f{exposure.f_number:g}"]
-    words += [f"{focal:g}mm"] if focal else []
-    words += [f"{focus / 1000:g}m"] if focus else []
-    return "_".join(re.sub(r"[^0-9A-Za-z.]+", "-", str(word)).strip("-.") for word in words) + ".h5"
-
-
 def profiles(library: Path) -> list[Profile]:
     """All fields of the library, by name. Raises BadInput if one is damaged."""
     return [Profile(path, read_camera(path) or Exposure()) for path in sorted(library.glob("*.h5"))]
 
 
 def find_profiles(wanted: Exposure, library: Path) -> list[Profile]:
-    """The fields for these settings, those first of which most is known, then those focused nearest.
-
-    Raises BadInput if there is none; the reason is that of the most similar one.
-    """
+    """The fields for these settings, those first of which most is known, then those focused nearest. Raises BadInput if
+    there is none; the reason is that of the most similar one."""
     fitting, reasons = [], []
     for one in profiles(library):
         try:
@@ -108,10 +100,8 @@ def find_profiles(wanted: Exposure, library: Path) -> list[Profile]:
 
 
 def profile_for(exposure: Exposure) -> Path:
-    """The field of the library for a photograph.
-
-    Raises BadInput if there is none, BadParameter if the photograph does not record what identifies one.
-    """
+    """The field of the library for a photograph. Raises BadInput if there is none, BadParameter if the photograph does
+    not record what identifies one."""
     missing = [name for name in KEY if not getattr(exposure, name)]
     if missing:
         raise BadParameter(
@@ -122,6 +112,5 @@ def profile_for(exposure: Exposure) -> Path:
 
 
 def _magnification_off(wanted: Exposure, other: Exposure) -> float:
-    """Difference of the image scales by focus; 0 where it is unknown."""
     focal, ours, theirs = wanted.focal_length_mm, wanted.subject_distance_mm, other.subject_distance_mm
     return abs(focal / ours - focal / theirs) if focal and ours and theirs else 0.0

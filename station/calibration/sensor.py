@@ -45,10 +45,8 @@ class SensorPlane:
 
 @dataclass(frozen=True, eq=False)
 class SensorFiles:
-    """The pictures' hashes, camera and sensitivity of the first picture, and the planes.
-
-    `missed` are unreadable pictures, and pictures that are the only readable ones of their level.
-    """
+    """The pictures' hashes, camera and sensitivity of the first picture, and the planes. `missed` are unreadable
+    pictures, and pictures that are the only readable ones of their level."""
 
     files: Sequence[InputFile]
     camera: str | None
@@ -97,16 +95,17 @@ def measure_sensor(
     count = len(missed) + sum(len(shot.paths) for shot in shots)
     check_any(excluded, count)
     light = any(shot.photons is not None for shot in shots)
-    planes = [
-        SensorPlane(
-            name,
-            for_want(_characterised(of, photons_known=light), excluded, count),
-            of.shape,
-            of.step,
-            _noise_power(of),
-        )
-        for name, of in gathered.items()
-    ]
+    planes = []
+    for name, of in gathered.items():
+        dark, flat = (_largest(of.stacks, kind) for kind in (DARK, LIGHT))
+        darks, lights = _once(of.darks, lambda one: one.exposure_s), _once(of.lights, lambda one: one.light)
+        recording = SensorRecording(darks, lights, light, dark, flat)
+        outcome = for_want(characterise(recording, np.random.default_rng(SEED)), excluded, count)
+        noise = None
+        if dark is not None and flat is not None:  # of the first pictures of the flat stack
+            noise = next(one for one, (_, stack) in zip(of.spectra, of.stacks, strict=True) if stack is flat)
+            noise = None if noise is None else replace(noise, signal=flat.mean - dark.mean)
+        planes.append(SensorPlane(name, outcome, of.shape, of.step, noise))
     first = exposures[0] if exposures else Exposure()
     return SensorFiles(tuple(inputs), first.camera, first.iso, planes, excluded)
 
@@ -143,7 +142,11 @@ def _gather(gathered: dict[str, _Gathered], shots: Shots, frames: Iterator[RawFr
                 sums.setdefault(name, StackSums()).add(numbers)
         taken.append(frame.path)
     if 0 < len(taken) < LEVEL_PICTURES:
-        _leave_alone(taken[0], shots, missed)
+        path = taken[0]
+        needed = "of its exposure; temporal noise needs two"
+        if len(shots.paths) < LEVEL_PICTURES:
+            raise BadInput(f"{path} is the only picture {needed}", "take every level twice, or leave this one out")
+        missed.append(Miss(str(path), f"{path} is the only readable picture {needed}", "take the level again"))
         return
     for name, pictures in first.items():
         of = gathered[name]
@@ -155,19 +158,10 @@ def _gather(gathered: dict[str, _Gathered], shots: Shots, frames: Iterator[RawFr
             of.spectra.append(measure_noise_power(pictures, np.nan))
 
 
-def _leave_alone(path: Path, shots: Shots, missed: list[Miss]) -> None:
-    """Exclude the single readable picture of a level. Raises BadInput where the level has no other."""
-    needed = "of its exposure; temporal noise needs two"
-    if len(shots.paths) < LEVEL_PICTURES:
-        raise BadInput(f"{path} is the only picture {needed}", "take every level twice, or leave this one out")
-    missed.append(Miss(str(path), f"{path} is the only readable picture {needed}", "take the level again"))
-
-
 _ONE_CAMERA = "give pictures of one camera at one setting, in one format"
 
 
 def _numbers(of: _Gathered, plane: Plane, path: Path) -> Numbers:
-    """Digital numbers of the converter, also from left-aligned samples."""
     shape = plane.samples.shape
     if of.shape and shape != of.shape:
         raise BadInput(
@@ -184,32 +178,13 @@ def _numbers(of: _Gathered, plane: Plane, path: Path) -> Numbers:
 
 
 def _step(numbers: Numbers) -> float:
-    """Greatest common divisor of the differences between a picture's values."""
     values = np.unique(numbers)
     if len(values) < 3 or not np.array_equal(values, np.rint(values)):
         return 1.0
     return float(np.gcd.reduce(np.diff(values).astype(np.int64)))
 
 
-def _characterised(of: _Gathered, *, photons_known: bool) -> Outcome[SensorResult]:
-    dark, flat = (_largest(of.stacks, kind) for kind in (DARK, LIGHT))
-    recording = SensorRecording(
-        _once(of.darks, lambda one: one.exposure_s), _once(of.lights, lambda one: one.light), photons_known, dark, flat
-    )
-    return characterise(recording, np.random.default_rng(SEED))
-
-
-def _noise_power(of: _Gathered) -> NoisePower | None:
-    """Noise spectrum of the first pictures of the flat stack; None without a dark stack."""
-    dark, flat = (_largest(of.stacks, kind) for kind in (DARK, LIGHT))
-    if dark is None or flat is None:
-        return None
-    power = next(spectrum for spectrum, (_, stack) in zip(of.spectra, of.stacks, strict=True) if stack is flat)
-    return None if power is None else replace(power, signal=flat.mean - dark.mean)
-
-
 def _once(levels: Sequence[LightLevel], of: Callable[[LightLevel], float]) -> tuple[LightLevel, ...]:
-    """The levels in order, the first of each: that of the ladder where a stack repeats it."""
     first: dict[float, LightLevel] = {}
     for level in levels:
         first.setdefault(of(level), level)
@@ -217,5 +192,4 @@ def _once(levels: Sequence[LightLevel], of: Callable[[LightLevel], float]) -> tu
 
 
 def _largest(stacks: Sequence[tuple[str, FrameStack]], kind: str) -> FrameStack | None:
-    """The largest stack of a kind."""
     return max((stack for of, stack in stacks if of == kind), key=lambda stack: stack.count, default=None)

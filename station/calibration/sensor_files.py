@@ -1,28 +1,15 @@
 """The measurement of a sensor: numbers, tables, and a summary as XML."""
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
-from procedures.numbers import (
-    DARK_CURRENT,
-    DSNU,
-    DYNAMIC_RANGE,
-    INVERSE_GAIN,
-    PRNU,
-    QUANTUM_EFFICIENCY,
-    RESPONSIVITY,
-    SENSITIVITY_THRESHOLD,
-    SNR_MAX,
-    SYSTEM_GAIN,
-    TEMPORAL_DARK_NOISE,
-)
+from procedures import numbers as names
 from procedures.numerics.arrays import Array
 from procedures.reading.exposure import Exposure
-from procedures.sensor.defects import IntervalNumber
 from procedures.sensor.estimate import FixedPattern, SensorResult, sensor_model
 from procedures.sensor.information import input_snr, linear_snr, total_snr
 from procedures.sensor.photon_transfer import gain_and_noise
@@ -35,11 +22,12 @@ from station.results.result_files import npy, number_record
 
 SCHEMA = "station/sensor/1"
 SECTIONS = {
-    "sensitivity": (QUANTUM_EFFICIENCY, SYSTEM_GAIN, INVERSE_GAIN, RESPONSIVITY, TEMPORAL_DARK_NOISE,
-                    SENSITIVITY_THRESHOLD, "saturation", SNR_MAX, DYNAMIC_RANGE),
+    "sensitivity": (names.QUANTUM_EFFICIENCY, names.SYSTEM_GAIN, names.INVERSE_GAIN, names.RESPONSIVITY,
+                    names.TEMPORAL_DARK_NOISE, names.SENSITIVITY_THRESHOLD, "saturation", names.SNR_MAX,
+                    names.DYNAMIC_RANGE),
     "linearity": ("linearity",),
-    DARK_CURRENT: (DARK_CURRENT,),
-    "spatial": (DSNU, PRNU),
+    names.DARK_CURRENT: (names.DARK_CURRENT,),
+    "spatial": (names.DSNU, names.PRNU),
     "defect_pixel": ("defect_pixels",),
     "general": ("general",),
 }  # fmt: skip
@@ -48,39 +36,37 @@ SECTIONS = {
 
 def sensor_measurement(result: SensorFiles, head: RecordHead) -> Measurement:
     """The numbers and tables of every plane, and the summary as XML."""
-    files = {"numbers.csv": csv_bytes([_HEAD, *(row for plane in result.planes for row in _number_rows(plane))])}
+    files, numbers = dict[str, bytes](), [_HEAD]
     for plane in result.planes:
         if plane.outcome.value is not None:
+            for name, number in plane.outcome.value.numbers.items():
+                bounds = (f"{value:.9g}" for value in (number.uncertainty, number.low, number.high))
+                row = [plane.name, name, f"{number.value:.9g}", number.unit, *bounds, number.method, str(number.n)]
+                numbers.append(row)
             files |= _tables(plane.name, plane.outcome.value)
             if plane.noise is not None:
                 files[f"nps_{plane.name}.npy"] = npy(plane.noise.power)
     return Measurement(
         SCHEMA, head, tuple(map(_plane, result.planes)), {"camera": result.camera, "iso": result.iso},
-        {**files, "emva1288.xml": summary_xml(result)}, tuple(result.missed),
+        {**files, "numbers.csv": csv_bytes(numbers), "emva1288.xml": summary_xml(result)}, tuple(result.missed),
         Exposure(camera=result.camera, iso=result.iso), result=result,
     )  # fmt: skip
 
 
-def _gain_budget(result: SensorResult) -> dict[str, float]:
-    """Standard uncertainty of the system gain by noise, and by the response's curvature, which a line neglects."""
-    whole = result.numbers[SYSTEM_GAIN].uncertainty
-    curvature = min(result.transfer.gain_bent, whole)
-    return {"noise": (whole**2 - curvature**2) ** 0.5, "curvature": curvature}
-
-
 def _plane(plane: SensorPlane) -> PlaneResult:
-    """Verdict and numbers, the model for other procedures, and diagnostics."""
     result = plane.outcome.value
     if result is None:
         return PlaneResult.of_outcome(plane.name, plane.outcome, pitch=0)
-    joint = gain_and_noise(result.transfer)
+    joint, gain = gain_and_noise(result.transfer), result.numbers[names.SYSTEM_GAIN]
+    curvature = min(result.transfer.gain_bent, gain.uncertainty)  # of the response, which a line neglects
+    budget = {"noise": (gain.uncertainty**2 - curvature**2) ** 0.5, "curvature": curvature}
     details: dict[str, Any] = {
         "model": asdict(sensor_model(result, plane.step)),
         "gain_and_noise": {
             "names": list(joint.NAMES), "values": joint.values.tolist(),
             "covariance": joint.covariance.tolist(),
         },
-        SYSTEM_GAIN: number_record(result.numbers[SYSTEM_GAIN]) | {"budget": _gain_budget(result)},
+        names.SYSTEM_GAIN: number_record(gain) | {"budget": budget},
         "rows": plane.shape[0],
         "columns": plane.shape[1],
         "diagnostics": {"light_spread": result.curves.light_spread, "gain_bent": result.transfer.gain_bent},
@@ -107,15 +93,12 @@ def _plane(plane: SensorPlane) -> PlaneResult:
 _HEAD = ["plane", "number", "value", "unit", "uncertainty", "low_95", "high_95", "method", "n"]
 
 
-def _number_rows(plane: SensorPlane) -> Iterator[list[str]]:
-    numbers = plane.outcome.value.numbers if plane.outcome.value is not None else {}
-    for name, number in numbers.items():
-        bounds = (f"{value:.9g}" for value in (number.uncertainty, number.low, number.high))
-        yield [plane.name, name, f"{number.value:.9g}", number.unit, *bounds, number.method, str(number.n)]
+def _defects(which: str, pattern: FixedPattern) -> Iterator[list[str]]:
+    for (row, column), deviation in zip(pattern.defects.places, pattern.defects.deviation, strict=True):
+        yield [which, str(int(row)), str(int(column)), f"{deviation:.6g}", pattern.unit]
 
 
 def _tables(name: str, result: SensorResult) -> dict[str, bytes]:
-    """The plane's tables."""
     files = {f"transfer_{name}.csv": csv_columns(transfer_columns(result), 9)}
     patterns = {"dark": result.dark, "light": result.light}
     kinds = {
@@ -161,11 +144,6 @@ def _histogram(which: str, pattern: FixedPattern) -> Iterator[list[str]]:
         yield [which, f"{centre:.6g}", pattern.unit, str(int(count)), f"{model:.6g}"]
 
 
-def _defects(which: str, pattern: FixedPattern) -> Iterator[list[str]]:
-    for (row, column), deviation in zip(pattern.defects.places, pattern.defects.deviation, strict=True):
-        yield [which, str(int(row)), str(int(column)), f"{deviation:.6g}", pattern.unit]
-
-
 def summary_xml(result: SensorFiles) -> bytes:
     """The numbers as the reference program arranges them, by sections and quantities, with planes above and intervals
     in addition."""
@@ -178,21 +156,16 @@ def summary_xml(result: SensorFiles) -> bytes:
             ElementTree.SubElement(of, "reason").text = plane.outcome.reason
             continue
         for section, beginnings in SECTIONS.items():
-            _add_section(
-                of, section, {n: q for n, q in plane.outcome.value.numbers.items() if n.startswith(beginnings)}
-            )
+            part = ElementTree.SubElement(of, section)
+            for quantity, number in plane.outcome.value.numbers.items():
+                if quantity.startswith(beginnings):
+                    item = ElementTree.SubElement(part, quantity)
+                    texts = {
+                        "unit": number.unit, "value": f"{number.value:.9g}", "uncertainty": f"{number.uncertainty:.6g}",
+                        "low": f"{number.low:.9g}", "high": f"{number.high:.9g}", "method": number.method,
+                    }  # fmt: skip
+                    for name, text in texts.items():
+                        ElementTree.SubElement(item, name).text = text
     ElementTree.indent(top, " ")
     data: bytes = ElementTree.tostring(top, encoding="utf-8", xml_declaration=True)
     return data + b"\n"
-
-
-def _add_section(parent: ElementTree.Element, name: str, numbers: Mapping[str, IntervalNumber]) -> None:
-    section = ElementTree.SubElement(parent, name)
-    for quantity, number in numbers.items():
-        item = ElementTree.SubElement(section, quantity)
-        parts = {
-            "unit": number.unit, "value": f"{number.value:.9g}", "uncertainty": f"{number.uncertainty:.6g}",
-            "low": f"{number.low:.9g}", "high": f"{number.high:.9g}", "method": number.method,
-        }  # fmt: skip
-        for part, value in parts.items():
-            ElementTree.SubElement(item, part).text = value

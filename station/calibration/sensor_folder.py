@@ -13,7 +13,6 @@ from procedures.sensor.stacks import LEAST_PICTURES
 
 DARK, LIGHT = "dark", "light"
 LONGEST = 300
-"""Characters of a name quoted in a message."""
 DESCRIPTOR_HEAD = 65_536
 """Bytes of a text file searched for the first line of an EMVA 1288 descriptor."""
 DESCRIPTOR_WORDS = {"v": 2, "n": 4, "b": 3, "d": 2}
@@ -77,11 +76,14 @@ def _is_file(path: Path) -> bool:
 
 
 def _listed(folder: Path, missed: Callable[[Miss], object]) -> list[Shots]:
-    """The pictures from a manifest, a descriptor, or the camera's metadata."""
     if (path := folder / "sensor.toml").is_file():
         return _from_toml(path)
     if (path := folder / "sensor.csv").is_file():
-        return _from_csv(path)
+        names, *rows = read_rows(path, _REMEDY) or [[]]
+        if not {"file", "kind", "exposure_s"} <= set(names):
+            raise BadInput(f"{path} must have the columns file, kind, exposure_s; it has {names}", _REMEDY)
+        table = [(n, dict(zip(names, row, strict=False))) for n, row in enumerate(rows, 2) if row]
+        return _merged(_shots(f"{path}, line {n}", path.parent, row, [row.get("file")]) for n, row in table)
     for path in sorted(folder.glob("*.txt")):
         if _is_descriptor(path):
             return _from_descriptor(path)
@@ -111,7 +113,6 @@ def _is_number(word: str) -> bool:
 
 
 def _merged(shots: Iterable[Shots]) -> list[Shots]:
-    """The pictures of each exposure together, in order."""
     merged: dict[tuple[str, float, float | None, float | None], tuple[Path, ...]] = {}
     for shot in shots:
         key = (shot.kind, shot.exposure_s, shot.photons, shot.light)
@@ -120,7 +121,6 @@ def _merged(shots: Iterable[Shots]) -> list[Shots]:
 
 
 def _shots(where: str, folder: Path, entry: Mapping[str, Any], files: object) -> Shots:
-    """One entry of a manifest."""
     kind = str(entry.get("kind", "")).strip().lower()
     if kind not in (DARK, LIGHT):
         raise BadInput(f'{where}: kind must be "dark" or "light"; got {entry.get("kind")!r}', _REMEDY)
@@ -155,14 +155,6 @@ def _from_toml(path: Path) -> list[Shots]:
     return [_shots(f"{path}, level {n}", path.parent, level, level.get("files")) for n, level in enumerate(levels, 1)]
 
 
-def _from_csv(path: Path) -> list[Shots]:
-    names, *rows = read_rows(path, _REMEDY) or [[]]
-    if not {"file", "kind", "exposure_s"} <= set(names):
-        raise BadInput(f"{path} must have the columns file, kind, exposure_s; it has {names}", _REMEDY)
-    table = [(n, dict(zip(names, row, strict=False))) for n, row in enumerate(rows, 2) if row]
-    return _merged(_shots(f"{path}, line {n}", path.parent, row, [row.get("file")]) for n, row in table)
-
-
 def _from_descriptor(path: Path) -> list[Shots]:
     """EMVA's format: "b" exposure in ns and photons, or "d" exposure, then "i" and names; two pictures belong to the
     ladder, more are a stack, maybe in other light."""
@@ -195,23 +187,16 @@ def _finite(word: str) -> float:
 
 
 def _from_camera(folder: Path, missed: Callable[[Miss], object]) -> Iterator[Shots]:
-    """RAW files in folders named by kind."""
     if not all((folder / kind).is_dir() for kind in (DARK, LIGHT)):
         raise BadInput(f"{folder} has neither a manifest nor folders {DARK} and {LIGHT}", _REMEDY)
     for kind in (DARK, LIGHT):
         for path in sorted(p for p in (folder / kind).rglob("*") if not p.is_dir() and not p.name.startswith(".")):
             try:
-                exposure = _exposure_of(path)
+                with open_file(path) as file, decoding(str(path), "a photograph", _RAW_ONLY):
+                    exposure = read_exposure(file).exposure_s
+                if exposure is None:
+                    raise BadInput(f"{path} has no exposure time in its metadata", _RAW_ONLY)
             except BadInput as error:
                 missed(Miss(str(path), error.reason, error.remedy))
             else:
                 yield Shots(kind, exposure, None, None, (path,))
-
-
-def _exposure_of(path: Path) -> float:
-    """Exposure time in the metadata, in seconds. Raises BadInput where it is missing, or the file cannot be read."""
-    with open_file(path) as file, decoding(str(path), "a photograph", _RAW_ONLY):
-        exposure = read_exposure(file).exposure_s
-    if exposure is None:
-        raise BadInput(f"{path} has no exposure time in its metadata", _RAW_ONLY)
-    return exposure

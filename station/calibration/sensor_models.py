@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from procedures.sensor.spectrograms import NoisePower
 
 SEED = 1288
-"""Seed of the draws of uncertainties."""
 MINIMA = {"gain": SMALLEST, "saturation": SMALLEST, "signal_at_saturation": SMALLEST, "dark_variance": 0.0}
 """Lower bounds of parameters of a model; others may be negative."""
 _GIVE = "give the result.json of station sensor, of the same camera at the same sensitivity"
@@ -98,7 +97,6 @@ def _check_iso(record: Mapping[str, Any], source: str, iso: float | None) -> Non
 
 
 def _noise(record: Path, plane: Mapping[str, Any]) -> NoisePower | None:
-    """The noise spectrum next to the record; None where it was not measured, or its file is missing."""
     from procedures.reading.arrays import read_npy
     from procedures.sensor.spectrograms import LEAST_SIDE, NoisePower
 
@@ -118,7 +116,6 @@ def _noise(record: Path, plane: Mapping[str, Any]) -> NoisePower | None:
 
 
 def _models(record: Mapping[str, Any]) -> dict[str, SensorModel]:
-    """The models of a record's planes; refused planes have none."""
     planes = record.get("planes", {})
     return {name: _model(plane["model"]) for name, plane in planes.items() if "model" in plane}
 

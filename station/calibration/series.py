@@ -20,7 +20,6 @@ from station.results.exports import csv_bytes
 TABLE, PAGE = "series.csv", "series.html"
 TITLES: Mapping[str, str] = {EDGE_MTF50: "MTF50, mean of rows and columns", WAVEFRONT_RMS: "Wavefront error, rms"}
 DRAWS, SEED = 20_000, 1
-"""Monte Carlo draws for the probability that an aperture is the best."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +94,10 @@ def points_of(rows: Sequence[Any]) -> list[Point]:
         for plane, one in row.planes.items():
             for number, parts in NUMBERS.items() if one.verdict in ("pass", "doubtful") else ():
                 if all(part in one.numbers for part in parts):
-                    mean = _mean_of_parts([one.numbers[part] for part in parts])
+                    numbers = [one.numbers[part] for part in parts]  # of one photograph: their errors are correlated
+                    value = sum(part["value"] for part in numbers) / len(parts)
+                    uncertainty = sum(part.get("uncertainty", 0.0) for part in numbers) / len(parts)
+                    mean = (value, uncertainty, numbers[0].get("unit", "1"))
                     means.setdefault((plane, number, setting), []).append(mean)
     points = [Point(*key, *together(shots), shots[0][2], len(shots)) for key, shots in means.items()]
     return sorted(points, key=_order)
@@ -117,12 +119,6 @@ def _order(point: Point) -> tuple[Any, ...]:
 
 def _number(value: object) -> float | None:
     return float(value) if isinstance(value, int | float) else None
-
-
-def _mean_of_parts(parts: Sequence[Mapping[str, Any]]) -> tuple[float, float, str]:
-    """The mean of numbers of one photograph; their errors are correlated, so the uncertainty is the mean one."""
-    value = sum(part["value"] for part in parts) / len(parts)
-    return value, sum(part.get("uncertainty", 0.0) for part in parts) / len(parts), parts[0].get("unit", "1")
 
 
 def together(shots: Sequence[tuple[float, float, str]]) -> tuple[float, float]:
@@ -199,13 +195,10 @@ def series_table(points: Sequence[Point]) -> bytes:
             "photographs"]  # fmt: skip
     rows = [
         [
-            point.plane, point.number, *(_cell(value) for value in vars(point.setting).values()), f"{point.value:.9g}",
-            f"{point.uncertainty:.9g}", point.unit, str(point.photographs),
+            point.plane, point.number,
+            *("" if value is None else f"{value:.9g}" for value in vars(point.setting).values()),
+            f"{point.value:.9g}", f"{point.uncertainty:.9g}", point.unit, str(point.photographs),
         ]
         for point in points
     ]  # fmt: skip
     return csv_bytes([head, *rows])
-
-
-def _cell(value: float | None) -> str:
-    return "" if value is None else f"{value:.9g}"

@@ -6,13 +6,11 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.fft import rfft2
 
+from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter
 from procedures.raw import RawFrame
-
-Array = npt.NDArray[np.float64]
 
 FIELD, FINER, DEFOCUS, SHAKEN = "field", "finer", "defocus", "shaken"
 WAYS = {
@@ -39,10 +37,8 @@ apertures, 0.6 to 1 of motions."""
 def choose(
     frames: Sequence[RawFrame], *, field_given: bool, ratio: Sequence[float], way: str | None
 ) -> tuple[str, tuple[str, ...], Mapping[str, Any]]:
-    """The way to sharpen these photographs, the reasons, and settings that follow from the photographs.
-
-    Raises BadParameter if the photographs are not sufficient for it; the remedy says what is missing.
-    """
+    """The way to sharpen these photographs, the reasons, and settings that follow from the photographs. Raises
+    BadParameter if the photographs are not sufficient for it; the remedy says what is missing."""
     if len(frames) == 1:
         if not field_given:
             reason = "one photograph needs the PSF field of its lens"
@@ -52,7 +48,9 @@ def choose(
     if way == DEFOCUS or ratio or (way is None and not field_given and _differ(apertures)):
         if way is None:
             _check_order(frames, ratio)
-        return DEFOCUS, (_aperture_reason(apertures, ratio),), {"ratio": _ratios(apertures, ratio)}
+        listed = ", ".join(f"{one:g}" for one in ratio) or ", ".join(f"f/{one:g}" for one in apertures if one)
+        words = "--ratio states that their apertures differ by " if ratio else "their apertures differ: "
+        return DEFOCUS, (words + listed,), {"ratio": _ratios(apertures, ratio)}
     if way in (FIELD, FINER) and not field_given:
         raise BadParameter(f"--way {way} needs the PSF field of the lens", "give --field")
     if way in (FIELD, FINER, SHAKEN):
@@ -90,14 +88,7 @@ def _differ(apertures: Sequence[float | None]) -> bool:
     return len(known) == len(apertures) and max(known) > (1 + SAME_APERTURE) * min(known)
 
 
-def _aperture_reason(apertures: Sequence[float | None], ratio: Sequence[float]) -> str:
-    if ratio:
-        return f"--ratio states that their apertures differ by {', '.join(f'{one:g}' for one in ratio)}"
-    return f"their apertures differ: {', '.join(f'f/{aperture:g}' for aperture in apertures if aperture)}"
-
-
 def _ratios(apertures: Sequence[float | None], ratio: Sequence[float]) -> tuple[float, ...]:
-    """Blur of each later photograph over that of the first."""
     if ratio:
         return tuple(ratio)
     first, *others = apertures
@@ -115,7 +106,6 @@ def spectral_difference(one: RawFrame, other: RawFrame) -> tuple[float, float]:
 
 
 def _spectral_change(one: RawFrame, other: RawFrame) -> Array:
-    """Logarithm of the second spectrum over the first, (bands, sectors), apart from their light."""
     logs = [np.log(band_powers(_centre(frame))) / 2 for frame in (one, other)]
     change = logs[1] - logs[0]
     return np.asarray(change - change[0].mean())

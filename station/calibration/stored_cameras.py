@@ -26,8 +26,7 @@ GIVE = "name the folder that `station geometry` wrote"
 class StoredCamera:
     """The camera of a result.
 
-    record : Path or None
-        The record that it was read from.
+    record : the record that it was read from
     plane : str
     """
 
@@ -40,9 +39,7 @@ class StoredCamera:
 
 def read_camera(result: Path, plane: str | None = None) -> StoredCamera:
     """The camera of a result of station geometry, a folder or its record; of green, or the first plane, by default.
-
-    Raises BadInput if there is no such result, or it has no camera; BadParameter if it does not have the plane.
-    """
+    Raises BadInput if there is no such result, or it has no camera; BadParameter if it does not have the plane."""
     with stored_record(result, "geometry", GIVE) as stored:
         name, entry = plane_entry(stored.data["planes"], plane, stored.path)
         if "camera" not in entry:
@@ -85,9 +82,7 @@ class StoredRigCamera:
 
 def read_rig_camera(result: Path, plane: str | None = None) -> StoredRigCamera:
     """The camera of a result of station geometry, a folder or its record; of green, or the first plane, by default.
-
-    Raises BadInput if there is no such result, or it has no views; BadParameter if it does not have the plane.
-    """
+    Raises BadInput if there is no such result, or it has no views; BadParameter if it does not have the plane."""
     with stored_record(result, "geometry", GIVE) as stored:
         planes = stored.data["planes"]
         name, entry = plane_entry(planes, plane, stored.path)
@@ -113,7 +108,6 @@ def plane_table(stored: StoredRecord, name: str, what: str, columns: int) -> Arr
 
 
 def _views(stored: StoredRecord, prefix: str, entries: list[Mapping[str, Any]], nodes: int) -> tuple[ChartView, ...]:
-    """The views with their points: columns view, node, x, y, variance of x, covariance, variance of y."""
     table = plane_table(stored, prefix + POINTS, "points", 7)
     index = table[:, :2].astype(np.int64)
     if index.min(initial=0) < 0 or index[:, 1].max(initial=0) >= nodes:

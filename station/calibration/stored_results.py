@@ -31,13 +31,8 @@ def procedure_of(result: Path, remedy: str) -> object:
 def stored_record(
     result: Path, procedure: str, remedy: str, unreadable: type[ProcedureError] = BadInput
 ) -> Iterator[StoredRecord]:
-    """The record of a result, a folder or the record itself; within, every error is one of its content.
-
-    Raises
-    ------
-    BadInput
-        If it is not a record of this procedure. A file that cannot be read raises `unreadable`.
-    """
+    """The record of a result, a folder or the record itself; within, every error is one of its content. Raises
+    BadInput if it is not a record of this procedure; `unreadable` if it cannot be read."""
     path = result / RECORD if result.is_dir() else result
     kind = f"a result of station {procedure}"
     try:
@@ -49,9 +44,6 @@ def stored_record(
         if (origin := record.get("procedure", "unknown origin")) != procedure:
             raise BadInput(f"{kind} is required; {path} is of {origin}", remedy)
         yield StoredRecord(path, hashlib.sha256(data).hexdigest(), record)
-
-
-# --- the planes of a geometry's result: which one is meant, and what its tables are called ---------------------------
 
 
 def table_prefix(plane: str, count: int) -> str:

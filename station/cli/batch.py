@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from station.cli.psf.terms import jobs_option
-from station.cli.terminal.command import FiniteNumber, command, force_option
+from station.cli.terminal.command import PATH, FiniteNumber, command, force_option
 from station.common.errors import INTERRUPTED, log, log_json_option
 from station.drawing.colours import TERMINAL_COLOURS
 
@@ -30,19 +30,18 @@ ITEMS = {
     "pair": "pairs", "scene": "pairs", "results": "pairs", "photograph": "photographs", "series": "photographs",
     "several": "files",
 }  # fmt: skip
-"""Names of items by the procedure's inputs."""
 MOST_NAMED = 40
 """Number of unusable photographs on the screen; the files list all."""
 
 
 @command("batch", strict=True, as_json=True)
-@click.argument("folders", metavar="FOLDER...", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--procedure", "file", type=click.Path(path_type=Path), required=True, help="What to do, in TOML.")
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
+@click.argument("folders", metavar="FOLDER...", nargs=-1, required=True, type=PATH)
+@click.option("--procedure", "file", type=PATH, required=True, help="What to do, in TOML.")
+@click.option("--out", type=PATH, required=True, help="Folder for the results.")
 @jobs_option
 @click.option("--cluster", metavar="ADDRESS", help="Distribute the work by Dask (extra `cluster`).")
 @click.option(
-    "--cluster-tls", "tls", metavar="CA CERT KEY", nargs=3, type=click.Path(path_type=Path),
+    "--cluster-tls", "tls", metavar="CA CERT KEY", nargs=3, type=PATH,
     help="Files for a cluster at tls://... : authority, own certificate, own key.",
 )  # fmt: skip
 @click.option(
@@ -122,7 +121,6 @@ def carry_out(
 
 
 def _summarise(done: Batch) -> None:
-    """Write the procedure's own summary of the batch, if it has one."""
     from station.common.durable_files import write_whole
 
     procedure = done.job.procedure.procedure
@@ -150,17 +148,13 @@ def _items(folders: tuple[Path, ...], out: Path, batch: BatchProcedure) -> list[
     if batch.pairs is not None:
         return in_rows(frames, batch.pairs, most=2 if inputs is Inputs.PAIR else None) + missed
     if inputs in IN_PAIRS:
-        return _without_files(in_pairs(frames, batch.endings), batch) + missed
+        items = in_pairs(frames, batch.endings)
+        pairs = [item for item in items if not item.trouble]
+        used = {file for pair in pairs for file in batch.procedure.files(pair.paths, batch.settings)}
+        return [item for item in items if not (item.trouble and used.issuperset(item.paths))] + missed
     if inputs is Inputs.FOLDER:
         return [Item(tuple(find_frames([folder], out, suffixes=suffixes))) for folder in folders] + missed
     return (by_folder(frames) if inputs is Inputs.PHOTOGRAPHS else singly(frames)) + missed
-
-
-def _without_files(items: list[Item], batch: BatchProcedure) -> list[Item]:
-    """The items except files that others are measured with, as ground truths beside their pairs."""
-    pairs = [item for item in items if not item.trouble]
-    used = {file for pair in pairs for file in batch.procedure.files(pair.paths, batch.settings)}
-    return [item for item in items if not (item.trouble and used.issuperset(item.paths))]
 
 
 def _ask(stop: object) -> None:
@@ -179,7 +173,6 @@ def _stopped(out: Path) -> Iterator[None]:
 
 @contextmanager
 def _reporter(total: int) -> Iterator[Callable[[ItemRow], None]]:
-    """Report every row with rate and remaining time: a bar on a terminal, lines otherwise."""
     import time
 
     from station.common.progress import StepRate, bar
@@ -215,7 +208,6 @@ def _sentence(row: ItemRow) -> str:
 
 
 def _show(done: Batch) -> None:
-    """Print the planes' statistics, the failed photographs with their reasons, and the counts."""
     from rich.console import Console
 
     from station.results.comparison import measurement_words

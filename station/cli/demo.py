@@ -10,15 +10,13 @@ from typing import TYPE_CHECKING
 import click
 
 from station.cli.result_log import check_strict
-from station.cli.terminal.command import SEED, command
+from station.cli.terminal.command import PATH, SEED, command
 from station.cli.terminal.inherited import inherited
 from station.cli.terminal.progress import progress as progress_shown
 from station.common.errors import REFUSED, log
 from station.drawing.colours import TERMINAL_COLOURS
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from station.demo.demo import ComparedPlane, Demonstration, Summary
     from station.guide.frontend import Result
 
@@ -28,16 +26,28 @@ WIDE = 100
 
 
 @command("demo", strict=True, as_json=True)
-@click.option(
-    "--out", type=click.Path(path_type=Path), default="demo", show_default=True, help="Folder for the results."
-)
+@click.option("--out", type=PATH, default="demo", show_default=True, help="Folder for the results.")
 @inherited("--seed", type=SEED, default=1, show_default=True, help="Seed of the camera's noise.")
 @click.option("--rendered", is_flag=True, help="Also trace light through scenes in depth, filter and photograph them.")
 @click.option("--guided", is_flag=True, help="Go through the guide on the simulated bench, into a session in --out.")
 def demo(out: Path, seed: int, rendered: bool, guided: bool, strict: bool, as_json: bool) -> None:
     """Photograph the chart with a simulated camera, estimate the PSFs from its files, and compare with the truth."""
     if guided:
-        raise click.exceptions.Exit(_guide(out, seed, as_json=as_json, strict=strict))
+        from station.cli.guide import exit_code
+        from station.demo.guided_demo import run_guided
+        from station.results.result_files import RECORD
+
+        def report(sentence: str, remedy: str) -> None:
+            log("step", sentence, level="warning" if remedy else "info", remedy=remedy)
+
+        ended, result = run_guided(out, seed, report)
+        if as_json and result is not None:
+            click.echo((result.folder / RECORD).read_text(encoding="utf-8"), nl=False)
+        elif result is not None:
+            click.echo("\n".join(plane_lines(result)))
+        if ended.report is not None:
+            log("written", f"wrote {ended.report}", path=str(ended.report))
+        raise click.exceptions.Exit(exit_code(ended, result, strict=strict))
     from station.demo.demo import run_demo, steps, summary
 
     with progress_shown(steps()) as progress:
@@ -54,25 +64,6 @@ def demo(out: Path, seed: int, rendered: bool, guided: bool, strict: bool, as_js
     check_strict([str(plane.result.verdict) for shot in demonstration.shots for plane in shot.planes], strict=strict)
 
 
-def _guide(out: Path, seed: int, *, as_json: bool, strict: bool) -> int:
-    """A whole session by a scripted operator; returns the exit code."""
-    from station.cli.guide import exit_code
-    from station.demo.guided_demo import run_guided
-    from station.results.result_files import RECORD
-
-    def report(sentence: str, remedy: str) -> None:
-        log("step", sentence, level="warning" if remedy else "info", remedy=remedy)
-
-    ended, result = run_guided(out, seed, report)
-    if as_json and result is not None:
-        click.echo((result.folder / RECORD).read_text(encoding="utf-8"), nl=False)
-    elif result is not None:
-        click.echo("\n".join(plane_lines(result)))
-    if ended.report is not None:
-        log("written", f"wrote {ended.report}", path=str(ended.report))
-    return exit_code(ended, result, strict=strict)
-
-
 def plane_lines(result: Result) -> list[str]:
     """Verdict of each plane, with its MTF50 if there is one."""
     from station.common.sanitise import stated
@@ -86,7 +77,6 @@ def plane_lines(result: Result) -> list[str]:
 
 
 def _render(out: Path, seed: int) -> None:
-    """Render the scenes in depth into their own folder; films there are reused."""
     from station.demo.rendered import PAGE, RenderPlan, rendered_demo, steps
 
     plan = RenderPlan(seed=seed)
@@ -103,26 +93,13 @@ def _render(out: Path, seed: int) -> None:
 
 
 def _show(demonstration: Demonstration, summary: Summary) -> None:
-    """Print the table and its conclusion."""
     from rich.console import Console
 
     console = Console(highlight=False)
-    console.print(_table(demonstration, console.width))
-    console.print("MTF50 in cycles per pixel of the plane, ± one standard uncertainty.", style="dim")
-    if summary.refused < summary.planes:
-        console.print(
-            f"{summary.passed} of {summary.planes} planes pass. Errors are {summary.ratio_mean:.2f} times the expected "
-            f"({summary.ratio_least:.2f} to {summary.ratio_most:.2f}); {summary.mtf50_within} of {summary.mtf50_n} "
-            f"MTF50 lie within 2.5 σ of the truth; centres within {summary.centre_px:.4f} pixel."
-        )
-
-
-def _table(demonstration: Demonstration, width: int) -> Table:
-    """Measured and true MTF50, error and bound of every plane; both directions if the terminal is wide enough."""
     from rich import box
     from rich.table import Table
 
-    directions = list(HEADINGS)[: 2 if width >= WIDE else 1]
+    directions = list(HEADINGS)[: 2 if console.width >= WIDE else 1]
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1), show_edge=False)
     table.add_column("plane", no_wrap=True)
     for direction in directions:
@@ -135,7 +112,14 @@ def _table(demonstration: Demonstration, width: int) -> Table:
         table.add_row(f"[bold]{number} {shot.setup.title}[/]")
         for plane in shot.planes:
             table.add_row(*_cells(plane, directions))
-    return table
+    console.print(table)
+    console.print("MTF50 in cycles per pixel of the plane, ± one standard uncertainty.", style="dim")
+    if summary.refused < summary.planes:
+        console.print(
+            f"{summary.passed} of {summary.planes} planes pass. Errors are {summary.ratio_mean:.2f} times the expected "
+            f"({summary.ratio_least:.2f} to {summary.ratio_most:.2f}); {summary.mtf50_within} of {summary.mtf50_n} "
+            f"MTF50 lie within 2.5 σ of the truth; centres within {summary.centre_px:.4f} pixel."
+        )
 
 
 def _cells(plane: ComparedPlane, directions: Sequence[str]) -> list[str]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from station.cli.psf.terms import plane_name
-from station.cli.terminal.command import FiniteNumber, command
+from station.cli.terminal.command import PATH, FiniteNumber, command
 from station.common.errors import log
 
 if TYPE_CHECKING:
@@ -16,30 +16,25 @@ if TYPE_CHECKING:
     from station.calibration.exports.lensfun import GivenNames
 
 CAMERAS = ("opencv", "ros", "kalibr", "colmap", "mrcal")
-"""Formats of a camera's geometry."""
 PSFS = ("stdpsf", "psfex", "deepinv")
-"""Formats of the PSF over the frame."""
 LENSES = ("lensfun", "dng")
-"""Formats of distortion and vignetting; lensfun also of lateral colour."""
 
 
 @command("export")
-@click.argument("result", type=click.Path(path_type=Path))
+@click.argument("result", type=PATH)
 @click.option("--to", "form", type=click.Choice((*CAMERAS, *PSFS, *LENSES)), required=True, help="The format.")
 @click.option("--plane", callback=plane_name, help="Of the result.  [default: G1, or the first plane]")
-@click.option(
-    "--field", type=click.Path(path_type=Path), help="lensfun: a result of station psf field, for lateral colour."
-)
-@click.option("--vignetting", type=click.Path(path_type=Path), help="lensfun, dng: a result of station vignetting.")
+@click.option("--field", type=PATH, help="lensfun: a result of station psf field, for lateral colour.")
+@click.option("--vignetting", type=PATH, help="lensfun, dng: a result of station vignetting.")
 @click.option("--gain-map", is_flag=True, help="dng: vignetting as a gain map for each plane, with colour shading.")
-@click.option("--photo", type=click.Path(path_type=Path), help="dng: the photograph to copy.")
+@click.option("--photo", type=PATH, help="dng: the photograph to copy.")
 @click.option("--maker", default="unknown", show_default=True, help="lensfun: of camera and lens.")
 @click.option("--camera", help="lensfun: its model.  [default: from the field]")
 @click.option("--lens", help="lensfun: its name.  [default: from the field]")
 @click.option("--focal-length-mm", type=FiniteNumber(min=0.1), help="lensfun.  [default: from the field]")
 @click.option("--f-number", type=FiniteNumber(min=0.1), help="lensfun: of the vignetting.  [default: from the field]")
 @click.option("--pixel-pitch-um", type=FiniteNumber(min=0.1), help="lensfun.  [default: by the focal length]")
-@click.argument("out", type=click.Path(path_type=Path))
+@click.argument("out", type=PATH)
 def export(
     result: Path, form: str, plane: str | None, field: Path | None, vignetting: Path | None, gain_map: bool,
     photo: Path | None, maker: str, camera: str | None, lens: str | None, focal_length_mm: float | None,

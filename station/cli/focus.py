@@ -15,7 +15,7 @@ import click
 from procedures.numbers import EDGE_MTF50, S_OVER_T
 from station.cli.psf.terms import plane_name
 from station.cli.terminal.bench_options import existing_file
-from station.cli.terminal.command import SEED, command
+from station.cli.terminal.command import PATH, SEED, command
 from station.cli.terminal.inherited import inherited
 from station.common.errors import REFUSED
 from station.results.record_head import other_causes_entry
@@ -24,20 +24,16 @@ if TYPE_CHECKING:
     from station.guide.focus.live import FocusReading, LiveFrame, PhotographSource
 
 BAR = 30
-"""Characters of the longest bar."""
 
 
 @command("focus", log_json=False)
-@click.option("--watch", "folder", type=click.Path(path_type=Path), help="Folder in which photographs arrive.")
-@inherited(
-    "--config", type=click.Path(path_type=Path), callback=existing_file,
-    help="Expose with the camera of this station.toml.",
-)  # fmt: skip
+@click.option("--watch", "folder", type=PATH, help="Folder in which photographs arrive.")
+@inherited("--config", type=PATH, callback=existing_file, help="Expose with the camera of this station.toml.")
 @inherited("--simulate", is_flag=True, help="Sweep the focus of the simulated camera.")
 @inherited(
     "--simulated-seed", inherits="--seed", type=SEED, default=0, show_default=True, help="Of the simulated bench."
 )
-@click.option("--bits", type=click.Path(path_type=Path), help="The chart's 256 x 256 cells as a grey image.")
+@click.option("--bits", type=PATH, help="The chart's 256 x 256 cells as a grey image.")
 @click.option("--seed", type=SEED, help="The chart's seed; 1 if neither this nor --bits is given.")
 @click.option("-s", "s", type=click.IntRange(2, 16), default=4, show_default=True, help="PSF samples per pixel.")
 @click.option("-k", "k", type=click.IntRange(3, 101), default=17, show_default=True, help="PSF samples along a side.")

@@ -88,7 +88,6 @@ class Watched(LineOperator):
     result: Result | None = None
 
     def notify(self, event: Event) -> None:
-        """Write the event, and keep the result."""
         if isinstance(event, Result):
             self.result = event
         super().notify(event)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import re
 import shutil
 import sys
 from collections.abc import Sequence
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from station.cli.terminal.command import command, completed
+from station.cli.terminal.command import PATH, command, completed
 from station.cli.terminal.progress import progress
 from station.common.errors import log
 
@@ -22,9 +21,7 @@ if TYPE_CHECKING:
     from station.manual.pages import Page
 
 NARROWEST, WIDEST = 40, 100
-"""Limits of the width of a page, in columns."""
 MOST_HITS = 20
-"""Sections that a search lists."""
 
 
 def _topics(ctx: click.Context) -> list[str]:
@@ -36,12 +33,10 @@ def _topics(ctx: click.Context) -> list[str]:
 @command("manual", log_json=False)
 @click.argument("topic", metavar="[TOPIC | search WORD...]", nargs=-1, shell_complete=completed(_topics))
 @click.option(
-    "--html", "folder", type=click.Path(path_type=Path), metavar="DIR",
+    "--html", "folder", type=PATH, metavar="DIR",
     help="Write all pages for a browser, those with Python as notebooks too.",
 )  # fmt: skip
-@click.option(
-    "--schemas", type=click.Path(path_type=Path), metavar="DIR", help="Write the JSON schemas of all records."
-)
+@click.option("--schemas", type=PATH, metavar="DIR", help="Write the JSON schemas of all records.")
 @click.pass_context
 def manual(context: click.Context, topic: tuple[str, ...], folder: Path | None, schemas: Path | None) -> None:
     """Show the manual's page TOPIC, the sections that have all WORDs, or the list of all pages."""
@@ -52,7 +47,9 @@ def manual(context: click.Context, topic: tuple[str, ...], folder: Path | None, 
 
     words = topic[1:] if topic[:1] == ("search",) else ()
     name = " ".join(topic)
-    pages = read_pages(_generated(context, name if topic and not words and folder is None else None))
+    wanted = name if topic and not words and folder is None else None
+    makers = {"commands": _commands, "numbers": _numbers}
+    pages = read_pages({key: make(context) for key, make in makers.items() if wanted in (None, key)})
     if folder is not None:
         from station.demo.manual_pictures import PARTS, manual_pictures
         from station.manual.browser_pages import write_manual
@@ -69,7 +66,6 @@ def manual(context: click.Context, topic: tuple[str, ...], folder: Path | None, 
 
 
 def _printed(program: click.Command, words: Sequence[str]) -> str:
-    """The text that a command writes to stdout; what it logs is not shown."""
     out = io.StringIO()
     with redirect_stdout(out), redirect_stderr(io.StringIO()), suppress(SystemExit):
         program.main(list(words), prog_name="station")
@@ -86,19 +82,14 @@ def _hits(pages: Sequence[Page], words: Sequence[str]) -> str:
         raise BadParameter(f"no section of the manual has all of: {' '.join(words)}", "give fewer or other words")
     lines = [
         f"- **{section.page.title}**{f', {section.heading}' if section.heading else ''} "
-        f"(`station manual {section.page.name}`)  \n  {PAGE_LINK.sub(_words_of_link, line).strip()}"
+        f"(`station manual {section.page.name}`)  \n  {PAGE_LINK.sub(lambda match: match[1], line).strip()}"
         for section, line in hits[:MOST_HITS]
     ]
     rest = [f"\nand {len(hits) - MOST_HITS} more: add a word"] if len(hits) > MOST_HITS else []
     return "\n".join([*lines, *rest])
 
 
-def _words_of_link(match: re.Match[str]) -> str:
-    return match[1]
-
-
 def _write_schemas(folder: Path) -> None:
-    """Write NAME.schema.json for each procedure."""
     import json
 
     from station.common.durable_files import write_whole
@@ -111,12 +102,6 @@ def _write_schemas(folder: Path) -> None:
         click.echo(path)
 
 
-def _generated(context: click.Context, topic: str | None) -> dict[str, str]:
-    """Generated parts of pages: all of them, or those of one topic."""
-    makers = {"commands": _commands, "numbers": _numbers}
-    return {name: make(context) for name, make in makers.items() if topic in (None, name)}
-
-
 def _commands(context: click.Context) -> str:
     from station.manual.command_reference import commands_text
     from station.manual.pages import find_page, read_pages
@@ -127,12 +112,11 @@ def _commands(context: click.Context) -> str:
 
 
 def _numbers(context: click.Context) -> str:
-    """All numbers, and the diagnostics behind verdicts."""
     from procedures.numbers import reference_text
     from procedures.pattern_psf.diagnostics import Diagnostics
     from procedures.two_photo.diagnostics import PairDiagnostics
     from procedures.two_photo.pair_consistency import NearSpectrum, PairConsistency
-    from station.manual.field_reference import fields_text
+    from station.manual.command_reference import fields_text
 
     tables = {"Diagnostics of the chart": Diagnostics, "Diagnostics of two photographs": PairDiagnostics}
     diagnostics = fields_text(
@@ -142,7 +126,6 @@ def _numbers(context: click.Context) -> str:
 
 
 def _formatted(markdown: str) -> str:
-    """The page as text, coloured on a terminal."""
     from rich.console import Console
     from rich.markdown import Markdown
 

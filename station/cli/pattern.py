@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING
 import click
 
 from procedures.pattern_print.sheet import PAPERS, paper_named, papers_of_locale
-from station.cli.terminal.command import SEED, FiniteNumber, command
+from station.cli.terminal.command import PATH, SEED, FiniteNumber, command
 
 if TYPE_CHECKING:
     from procedures.pattern_psf.pose import ImagingGeometry
 
 
 @command("pattern", log_json=False)
-@click.argument("out", type=click.Path(path_type=Path), metavar="OUT.{pdf,svg,png,pgm}")
+@click.argument("out", type=PATH, metavar="OUT.{pdf,svg,png,pgm}")
 @click.option(
     "--paper",
     type=click.Choice(list(PAPERS), case_sensitive=False),
@@ -31,9 +31,7 @@ if TYPE_CHECKING:
     "paper allows; with --tile 300]",
 )
 @click.option("--seed", type=SEED, help="Cells from this seed.  [default: 1 without --bits]")
-@click.option(
-    "--bits", type=click.Path(path_type=Path), metavar="FILE.pgm", help="Cells from a black and white 256x256 image."
-)
+@click.option("--bits", type=PATH, metavar="FILE.pgm", help="Cells from a black and white 256x256 image.")
 @click.option(
     "--edges", is_flag=True, help="Two slanted edges next to the chart, for a cross-check of each calibration."
 )
@@ -92,7 +90,6 @@ def pattern(
 
 
 def _explain(optics: ImagingGeometry, f_number: float | None) -> None:
-    """Write the noise amplification by distance to stderr."""
     from procedures.choice import START_K, START_S
     from procedures.pattern_psf.facts import RATIO
     from procedures.pattern_psf.gamma import gamma_diagram

@@ -21,7 +21,15 @@ from station.cli.psf.terms import (
     terms_options,
 )
 from station.cli.result_log import finish, log_result
-from station.cli.terminal.command import FiniteNumber, StationCommand, force_option, json_option, options, strict_option
+from station.cli.terminal.command import (
+    PATH,
+    FiniteNumber,
+    StationCommand,
+    force_option,
+    json_option,
+    options,
+    strict_option,
+)
 from station.cli.terminal.progress import progress
 from station.common.errors import FAILED_ITEMS, log, log_json_option
 from station.common.models import ModelField, TableSource, fields_of, read_model
@@ -42,7 +50,6 @@ ARGUMENTS: dict[Inputs, tuple[str, int]] = {
     Inputs.SEVERAL: ("PHOTO...", -1),
     Inputs.RESULTS: ("FIRST SECOND...", -1),
 }
-"""Metavar and number of arguments by kind of input."""
 
 
 def __getattr__(name: str) -> click.Command:
@@ -67,7 +74,7 @@ def command_for(procedure: Procedure[Any]) -> click.Command:
 
     command: Any = click.pass_context(lambda context, **given: measure(**given))
     of_result = [
-        click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results."),
+        click.option("--out", type=PATH, required=True, help="Folder for the results."),
         *([click.option("--report/--no-report", default=procedure.usual_page, show_default=True,
                         help=f"Write {procedure.page_name} too, for people.")] if procedure.has_page else []),
         *([jobs_option] if procedure.inputs is Inputs.SERIES else [certificate_options]),
@@ -79,9 +86,8 @@ def command_for(procedure: Procedure[Any]) -> click.Command:
     of_terms = [terms_options] if procedure.has_mtf else [specification_option, force_option]
     command = options(*map(_option, settings), *of_terms, *of_result)(command)
     argument = click.argument(
-        "photographs", type=click.Path(path_type=Path), nargs=count, required=True,
-        metavar=procedure.argument or metavar,
-    )  # fmt: skip
+        "photographs", type=PATH, nargs=count, required=True, metavar=procedure.argument or metavar
+    )
     return click.command(procedure.name, cls=ListCommand, help=procedure.help)(argument(command))
 
 
@@ -110,7 +116,6 @@ class ListCommand(StationCommand):
 
 
 def _option(one: ModelField) -> Any:
-    """A setting as an option; if it is not given, the default of the model applies."""
     flags = [one.option, one.name]
     shown = f"{one.description}  [default: {one.default}]" if one.default not in (None, False, ()) else one.description
     if one.kind is bool and one.default is None:
@@ -130,7 +135,6 @@ class NumberOr(click.ParamType):  # type: ignore[type-arg]  # generic in some re
         self.word, self.name = word, f"{word}|N"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int | str:
-        """Convert to an integer, or keep the keyword."""
         try:
             return self.word if value == self.word else int(str(value))
         except ValueError:
@@ -151,7 +155,6 @@ def _type(field: ModelField) -> click.ParamType[Any]:
 
 
 def _measure(procedure: Procedure[Any], paths: Sequence[Path], chosen: dict[str, Any], given: dict[str, Any]) -> None:
-    """Measure, write, report, and exit with the code of the verdict."""
     done = list(_results(procedure, paths, chosen, given))
     finish([plane for planes, _, _ in done for plane in planes], "".join(text for _, text, _ in done),
            as_json=given["as_json"], strict=given["strict"])  # fmt: skip
@@ -160,7 +163,6 @@ def _measure(procedure: Procedure[Any], paths: Sequence[Path], chosen: dict[str,
 
 
 def _run_batch(procedure: Procedure[Any], paths: Sequence[Path], chosen: dict[str, Any], given: dict[str, Any]) -> None:
-    """Measure the photographs of a folder as a batch."""
     from station.batch.procedure_file import BatchProcedure
     from station.cli.batch import carry_out
 
@@ -176,7 +178,6 @@ def _run_batch(procedure: Procedure[Any], paths: Sequence[Path], chosen: dict[st
 def _results(
     procedure: Procedure[Any], paths: Sequence[Path], chosen: dict[str, Any], given: dict[str, Any]
 ) -> Iterator[tuple[Sequence[PlaneResult], str, bool]]:
-    """Planes and record of every result without large arrays, and whether an input was unusable."""
     from station.calibration.field_photographs import photographs
     from station.results.measurement import write_measurement
     from station.results.result_files import ResultFolder

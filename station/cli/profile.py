@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from station.cli.export import write_export
-from station.cli.terminal.command import FiniteNumber, columns, command, options
+from station.cli.terminal.command import PATH, FiniteNumber, columns, command, options
 from station.cli.terminal.lazy import LazyGroup
 from station.common.errors import log
 
@@ -31,16 +31,14 @@ def profile() -> None:
 
 settings_options = options(
     click.option(
-        "--library", type=click.Path(path_type=Path),
-        help="Folder of the library.  [default: STATION_PROFILES, else in the user's data]",
+        "--library", type=PATH, help="Folder of the library.  [default: STATION_PROFILES, else in the user's data]"
     ),
     click.option("--camera", help="As its photographs record it."),
     click.option("--lens", help="As its photographs record it."),
     click.option("--f-number", type=FiniteNumber(min=0.1)),
     click.option("--focal-length-mm", type=FiniteNumber(min=0.1)),
     click.option("--focus-m", type=FiniteNumber(min=0.001), help="Distance of focus."),
-)  # fmt: skip
-"""The library, and the settings that identify a field."""
+)
 
 
 def _settings(camera: str | None, lens: str | None, f_number: float | None, focal_length_mm: float | None,
@@ -54,7 +52,7 @@ def _settings(camera: str | None, lens: str | None, f_number: float | None, foca
 
 
 @command("add")
-@click.argument("result", type=click.Path(path_type=Path))
+@click.argument("result", type=PATH)
 @settings_options
 @click.option("--replace", is_flag=True, help="Replace the profile with the same settings.")
 def profile_add(result: Path, library: Path | None, replace: bool, **given: Any) -> None:
@@ -69,7 +67,7 @@ def profile_add(result: Path, library: Path | None, replace: bool, **given: Any)
 
 
 @command("find", as_json=True)
-@click.argument("photo", type=click.Path(path_type=Path), required=False)
+@click.argument("photo", type=PATH, required=False)
 @settings_options
 def profile_find(photo: Path | None, library: Path | None, as_json: bool, **given: Any) -> None:
     """Find the fields for PHOTO, or for the settings given, the best first; all fields without either.
@@ -106,14 +104,14 @@ def _row(record: dict[str, Any]) -> tuple[str, ...]:
 
 
 @command("export")
-@click.argument("result", type=click.Path(path_type=Path))
+@click.argument("result", type=PATH)
 @click.option("--to", "form", type=click.Choice(FORMATS), required=True, help="The program.")
 @click.option(
     "--noise-gain", type=FiniteNumber(min=1.01, max=100), default=3.0, show_default=True,
     help="Noise after the correction over that before, in the median over the frame.",
 )  # fmt: skip
 @click.option("--columns", type=click.IntRange(2, 64), default=9, show_default=True, help="Filters along the frame.")
-@click.argument("out", type=click.Path(path_type=Path))
+@click.argument("out", type=PATH)
 def profile_export(result: Path, form: str, noise_gain: float, columns: int, out: Path) -> None:
     """Write the field RESULT, of the library or of `station psf field`, as the file OUT for another program.
 

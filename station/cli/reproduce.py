@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from station.cli.result_log import check_strict
-from station.cli.terminal.command import command, completed
+from station.cli.terminal.command import PATH, command, completed
 from station.cli.terminal.progress import progress as progress_shown
 from station.common.errors import log
 from station.drawing.colours import TERMINAL_COLOURS
@@ -31,7 +31,7 @@ def _rows(ctx: click.Context) -> list[str]:
 @command("reproduce", strict=True, as_json=True)
 @click.argument("name", required=False, shell_complete=completed(_rows))
 @click.option("--full", is_flag=True, help="Include the slow rows.")
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for page and record.")
+@click.option("--out", type=PATH, required=True, help="Folder for page and record.")
 @click.option(
     "--data", type=click.Path(path_type=Path, file_okay=False), envvar="STATION_SHARED_DATA", show_envvar=True,
     help="Folder of published photographs and films; without it the rows that need it are not computed.",
@@ -52,7 +52,7 @@ def reproduce(
     """
     from procedures.outcome import BadParameter
     from station.demo.reproduce.catalogue import PUBLISHED_FILES, ROWS
-    from station.demo.reproduce.data_files import fetch as fetch_files
+    from station.demo.reproduce.catalogue import fetch as fetch_files
     from station.demo.reproduce.row import Setting
     from station.demo.reproduce.runner import PAGE, select
     from station.demo.reproduce.runner import reproduce as run
@@ -82,7 +82,6 @@ def reproduce(
 
 
 def _table(result: Reproduction) -> Table:
-    """One line for each row, and below it each value that is outside the paper's claim."""
     from rich.table import Table
     from rich.text import Text
 

@@ -14,26 +14,13 @@ if TYPE_CHECKING:
     from station.results.plane_result import PlaneResult
 
 LEVELS = {"pass": "info", "doubtful": "warning", "refused": "error"}
-"""Level of a log line by verdict."""
 SPECIFICATION_LEVELS = {"meets": "info", "undecided": "warning", "does not meet": "error"}
-"""Level of a log line by the verdict against the specification."""
 FAILED = 1
-"""Exit code of results that miss their specification."""
 
 
 def log_result(record: PlaneResult) -> None:
     """Log a plane with its verdict and numbers, and the requested frequencies without an MTF."""
     took = {"dur_ms": round(1000 * record.duration_s)} if record.duration_s else {}
-    log(
-        "plane", _sentence(record), level=LEVELS[str(record.verdict)], remedy=record.remedy,
-        other_causes=record.other_causes, verdict=str(record.verdict), plane=record.name, **took,
-    )  # fmt: skip
-    for sentence in record.unavailable:
-        log("untold", f"{record.name}: {sentence}", level="warning", plane=record.name)
-
-
-def _sentence(record: PlaneResult) -> str:
-    """Verdict, cause, and the numbers of the group LINE."""
     from station.results.comparison import measurement_words
     from station.results.plane_result import line_numbers
 
@@ -42,7 +29,12 @@ def _sentence(record: PlaneResult) -> str:
     parts += line_numbers(record)
     if record.unit == "cycles/pixel" and record.pitch > 1 and any("pixel" in part for part in parts):
         parts.append(f"pixels of the plane, each {record.pitch} of the sensor")
-    return "; ".join(parts)
+    log(
+        "plane", "; ".join(parts), level=LEVELS[str(record.verdict)], remedy=record.remedy,
+        other_causes=record.other_causes, verdict=str(record.verdict), plane=record.name, **took,
+    )  # fmt: skip
+    for sentence in record.unavailable:
+        log("untold", f"{record.name}: {sentence}", level="warning", plane=record.name)
 
 
 def check_strict(verdicts: Iterable[str | None], *, strict: bool) -> None:

@@ -12,19 +12,19 @@ import click
 
 from procedures.outcome import BadInput
 from station.cli.result_log import check_strict
-from station.cli.terminal.command import command
+from station.cli.terminal.command import PATH, command
 from station.cli.terminal.progress import awaited, progress
 from station.common.errors import log
 
 if TYPE_CHECKING:
-    from station.results.explanation import BatchExplanation, PlaneExplanation
+    from station.results.explanation import PlaneExplanation
 
 MOST_TERMS, LEAST_SHARE = 3, 0.005
 NO_BUDGET = "The record states no budget: records of this version do, where the procedure has one."
 
 
 @command("explain", strict=True, as_json=True)
-@click.argument("result", type=click.Path(path_type=Path))
+@click.argument("result", type=PATH)
 @click.option("--twin", is_flag=True, help="Predict the effect of remedies by a simulated camera (some seconds).")
 def explain(result: Path, twin: bool, strict: bool, as_json: bool) -> None:
     """Explain RESULT, a result, session or batch: most likely cause, largest uncertainty, best remedy."""
@@ -37,7 +37,10 @@ def explain(result: Path, twin: bool, strict: bool, as_json: bool) -> None:
         check_strict(verdicts, strict=strict)
         return
     batch = explain_batch(folder)
-    entry, lines = {"result": str(folder), **asdict(batch)}, _batch_lines(batch)
+    entry, lines = {"result": str(folder), **asdict(batch)}, [] if batch.causes else ["every photograph passed"]
+    for cause in batch.causes:
+        lines += [f"{cause.count:6d}  {cause.reason}", f"        what helps: {cause.remedy}"]
+    lines += [f"outlier: {outlier}" for outlier in batch.outliers]
     if batch.typical:
         more, words, _ = _explained(Path(batch.typical), twin=twin)
         entry |= more
@@ -47,7 +50,6 @@ def explain(result: Path, twin: bool, strict: bool, as_json: bool) -> None:
 
 
 def _explained(folder: Path, *, twin: bool) -> tuple[dict[str, Any], list[str], list[str]]:
-    """The explanation of a result: entry of the record, lines, and verdicts."""
     from station.results.explanation import PREDICTED, TWIN, explain_result
     from station.results.reader import read_result, record_of
 
@@ -101,15 +103,8 @@ def _plane_lines(one: PlaneExplanation) -> list[str]:
     return lines
 
 
-def _batch_lines(batch: BatchExplanation) -> list[str]:
-    lines = [] if batch.causes else ["every photograph passed"]
-    for cause in batch.causes:
-        lines += [f"{cause.count:6d}  {cause.reason}", f"        what helps: {cause.remedy}"]
-    return [*lines, *(f"outlier: {outlier}" for outlier in batch.outliers)]
-
-
 @command("verify", strict=True, as_json=True)
-@click.argument("certificate", type=click.Path(path_type=Path))
+@click.argument("certificate", type=PATH)
 @click.option(
     "--originals", type=click.Path(path_type=Path, exists=True, file_okay=False),
     help="Folder of the photographs, if they are no longer where they were measured.",

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 from click.shell_completion import get_completion_class
 
-from station.cli.terminal.command import command
+from station.cli.terminal.command import PATH, command
 
 EXAMPLES = {
     "station.toml": "station.bench",
@@ -13,11 +13,10 @@ EXAMPLES = {
     "specification.toml": "station.results",
     "certificate.toml": "station.reports",
 }
-"""The files, and the packages with their `example.toml`."""
 
 
 @command("init", log_json=False)
-@click.argument("folder", type=click.Path(path_type=Path), default=Path())
+@click.argument("folder", type=PATH, default=Path())
 @click.option(
     "--key", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE",
     help="Write only a new private key for signatures (Ed25519, PEM) into FILE, and its public key beside it (.pub).",

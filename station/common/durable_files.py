@@ -1,7 +1,5 @@
-"""Writing that survives a power failure: every byte is on the disk before a write is confirmed.
-
-A small class of primitives, so that tests can make any of them fail or be the last operation.
-"""
+"""Writing that survives a power failure: every byte is on the disk before a write is confirmed. A small class of
+primitives, so that tests can make any of them fail or be the last operation."""
 
 import contextlib
 import errno
@@ -17,7 +15,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
 
 from procedures.outcome import BadParameter, ProcedureError
 
@@ -79,8 +76,6 @@ class Disk:
         else:
             source.unlink()
 
-    # --- compositions --------------------------------------------------------------------------------------------
-
     def write_all(self, descriptor: int, data: bytes) -> None:
         """Write every byte, then synchronise. Raises OSError."""
         self._write(descriptor, data)
@@ -93,18 +88,16 @@ class Disk:
 
     def settle(self, path: Path) -> None:
         """Make a file written elsewhere, and its name, durable. Raises OSError."""
-        descriptor = self.open(path, os.O_RDONLY)
-        try:
-            self.sync(descriptor)
-        finally:
-            os.close(descriptor)
+        self._sync_at(path)
         self.sync_folder(path.parent)
 
     def sync_folder(self, folder: Path) -> None:
         """Make a folder's names, behind a link too, durable where folders can be opened. Raises OSError."""
-        if os.name == "nt":
-            return
-        descriptor = self.open(Path(os.path.realpath(folder)), os.O_RDONLY)
+        if os.name != "nt":
+            self._sync_at(Path(os.path.realpath(folder)))
+
+    def _sync_at(self, path: Path) -> None:
+        descriptor = self.open(path, os.O_RDONLY)
         try:
             self.sync(descriptor)
         finally:
@@ -114,17 +107,14 @@ class Disk:
         """Write the file atomically. Raises WriteFailed."""
         beside = path.with_name(f".{path.name}.part")
         with write_errors(path, beside):
-            self._fill(beside, data)
+            beside.unlink(missing_ok=True)
+            descriptor = self.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL)
+            try:
+                self.write_all(descriptor, data)
+            finally:
+                os.close(descriptor)
             self.replace(beside, path)
             self.sync_folder(path.parent)
-
-    def _fill(self, path: Path, data: bytes) -> None:
-        path.unlink(missing_ok=True)
-        descriptor = self.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL)
-        try:
-            self.write_all(descriptor, data)
-        finally:
-            os.close(descriptor)
 
     def copy(self, source: Path, target: Path, sha256: str) -> None:
         """A read-only copy, verified by its hash; nothing is replaced. Raises WriteFailed, ContentChanged."""
@@ -135,7 +125,13 @@ class Disk:
         beside = target.with_name(f".{target.name}.part")
         with file, write_errors(target, beside):
             beside.unlink(missing_ok=True)
-            self._pour(file, beside)
+            descriptor = self.open(beside, os.O_WRONLY | os.O_CREAT | os.O_EXCL)
+            try:
+                while block := file.read(BLOCK):
+                    self._write(descriptor, block)
+                self.sync(descriptor)
+            finally:
+                os.close(descriptor)
             digest = sha256_of(beside)
             if digest != sha256:
                 raise ContentChanged(
@@ -145,15 +141,6 @@ class Disk:
             beside.chmod(beside.stat().st_mode & READ_ONLY)
             self.place(beside, target)
             self.sync_folder(target.parent)
-
-    def _pour(self, file: BinaryIO, target: Path) -> None:
-        descriptor = self.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL)
-        try:
-            while block := file.read(BLOCK):
-                self._write(descriptor, block)
-            self.sync(descriptor)
-        finally:
-            os.close(descriptor)
 
 
 def sha256_of(path: Path) -> str:
@@ -227,9 +214,6 @@ def write_failed(path: Path, error: OSError) -> WriteFailed:
     )
 
 
-# --- Atomic writing: a file is written next to its target, synchronised, then renamed ---
-
-
 def write_whole(path: Path, data: bytes) -> None:
     """Write the data atomically, in place of an older file. Raises BadParameter if it cannot be written; no remnant
     stays."""
@@ -278,11 +262,9 @@ def _unwritable(path: Path, error: OSError) -> BadParameter:
     )
 
 
-# --- Folders that a program fills and removes; those of a killed program are removed by the next run ---
 # A folder is in use while its descriptor is locked; the system releases the lock of a program that ends.
 
 PREFIX = "station-"
-"""Prefix of temporary folders."""
 RANDOM_BYTES = 8
 """Hexadecimal part after the prefix: a user's folder called `station-demo` does not match."""
 
@@ -293,7 +275,7 @@ def hold(folder: Path) -> int | None:
         import fcntl
     except ImportError:  # Windows
         return None
-    descriptor = os.open(folder, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0))
+    descriptor = os.open(folder, os.O_RDONLY | _NO_FOLLOW)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

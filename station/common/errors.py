@@ -53,7 +53,6 @@ def reporting_errors() -> Iterator[None]:
 
 
 def _tell(error: Exception) -> int:
-    """Log the error and return its exit code."""
     if isinstance(error, ExplainedError):
         log("failed", error.reason, level="error", remedy=error.remedy, exit_code=error.exit_code)
         return error.exit_code
@@ -71,8 +70,6 @@ def _tell(error: Exception) -> int:
     log("failed", reason, level="error", remedy=remedy, exit_code=SOFTWARE_FAULT)
     return SOFTWARE_FAULT
 
-
-# --- Progress and log lines on stderr: sentences for people, or with `--log-json` one object each for programs ---
 
 Fact = str | float | int | None
 

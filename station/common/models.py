@@ -33,7 +33,6 @@ BOUNDS = (
     (("ge",), "at least {ge}"),
     (("le",), "at most {le}"),
 )
-"""Bounds of a number in words."""
 LONGEST, MOST_NAMED = 60, 12
 """Characters of a value, and number of valid names, that an error shows."""
 UNIONS = (typing.Union, types.UnionType)
@@ -148,7 +147,6 @@ def fields_of(model: type) -> tuple[ModelField, ...]:
 
 
 def _defaults(model: type) -> Iterator[tuple[str, Any, bool]]:
-    """Name, default value, and whether there is none."""
     for one in dataclasses.fields(model) if dataclasses.is_dataclass(model) else msgspec.structs.fields(model):
         given, make = one.default, one.default_factory
         if make not in (dataclasses.MISSING, msgspec.NODEFAULT):
@@ -161,12 +159,13 @@ def _defaults(model: type) -> Iterator[tuple[str, Any, bool]]:
 def _field(name: str, hint: Any, default: Any, required: bool) -> ModelField:
     kind, choices, several = _plain(hint)
     keyed = typing.get_origin(_bare(hint)) is dict
-    meta = _meta(hint) or msgspec.Meta()
+    inside = typing.get_args(hint) if typing.get_origin(hint) in (*UNIONS, tuple) else ()
+    metadata = (extra for one in (hint, *inside) for extra in getattr(one, "__metadata__", ()))
+    meta = next((extra for extra in metadata if isinstance(extra, msgspec.Meta)), None) or msgspec.Meta()
     return ModelField(name, hint, kind, default, meta, choices, _word(hint), several, keyed, required)
 
 
 def _bare(hint: Any) -> Any:
-    """A hint without its annotation and None."""
     if typing.get_origin(hint) is Annotated:
         return _bare(typing.get_args(hint)[0])
     if typing.get_origin(hint) in UNIONS:
@@ -175,17 +174,9 @@ def _bare(hint: Any) -> Any:
 
 
 def _word(hint: Any) -> str:
-    """The text of a number that may also be "auto"."""
     parts = typing.get_args(hint) if typing.get_origin(hint) in UNIONS else ()
     texts = [arg for part in parts if typing.get_origin(part) is Literal for arg in typing.get_args(part)]
     return str(texts[0]) if texts and typing.get_origin(parts[0]) is not Literal else ""
-
-
-def _meta(hint: Any) -> msgspec.Meta | None:
-    """The annotation of a field, also inside an optional field or a list."""
-    inside = typing.get_args(hint) if typing.get_origin(hint) in (*UNIONS, tuple) else ()
-    metadata = (extra for one in (hint, *inside) for extra in getattr(one, "__metadata__", ()))
-    return next((extra for extra in metadata if isinstance(extra, msgspec.Meta)), None)
 
 
 def _plain(hint: Any) -> tuple[Any, tuple[str, ...], bool]:
@@ -200,9 +191,6 @@ def _plain(hint: Any) -> tuple[Any, tuple[str, ...], bool]:
     if origin is Literal:
         return type(arguments[0]), tuple(map(str, arguments)), False
     return bare, (), False
-
-
-# --- reading ---
 
 
 @dataclass(frozen=True)
@@ -292,7 +280,13 @@ def read_model(model: type[T], given: Mapping[str, Any], source: TableSource, pa
 def read_value(one: ModelField, value: Any, source: TableSource, path: KeyPath) -> Any:
     """The value of a field. Raises the source's error."""
     if one.keyed:
-        return _keyed(one, value, source, path)
+        rows = require_table(value, source, path)
+        if not is_model(one.kind):
+            return dict(rows)
+        for key in rows:
+            if key not in one.valid:
+                source.refuse_unknown((*path, key), one.valid)
+        return {key: _table(one.kind, row, source, (*path, key)) for key, row in rows.items()}
     if is_model(one.kind):
         return _rows(one, value, source, path) if one.several else _table(one.kind, value, source, path)
     many = isinstance(value, list | tuple)
@@ -330,34 +324,17 @@ def _table(model: type[T], value: Any, source: TableSource, path: KeyPath) -> T:
     return read_model(model, require_table(value, source, path), source, path)
 
 
-def _keyed(one: ModelField, value: Any, source: TableSource, path: KeyPath) -> dict[str, Any]:
-    """A table of tables; of values that are read elsewhere if they have no model."""
-    rows = require_table(value, source, path)
-    if not is_model(one.kind):
-        return dict(rows)
-    for key in rows:
-        if key not in one.valid:
-            source.refuse_unknown((*path, key), one.valid)
-    return {key: _table(one.kind, row, source, (*path, key)) for key, row in rows.items()}
-
-
 def _rows(one: ModelField, value: Any, source: TableSource, path: KeyPath) -> tuple[Any, ...]:
-    """A list of tables, at least one if it is required."""
     good = isinstance(value, list) and all(isinstance(row, Mapping) for row in value)
     if not good or (one.required and not value):
         least = " with at least one row" if one.required else ""
         source.refuse(path, f"must be a list of tables{least}; it is {shown(value)}", one.remedy())
     rows = tuple(read_model(one.kind, row, source, (*path, n)) for n, row in enumerate(value))
     for keys in one.extra("unlike", ()):
-        _require_unlike(rows, keys, source, path)
+        marks = [[getattr(row, key) for key in keys] for row in rows]
+        for n, mark in enumerate(marks):
+            if mark in marks[:n]:
+                values = ", ".join(f"{key} = {shown(one)}" for key, one in zip(keys, mark, strict=True))
+                words = f"must differ; {values} is given twice"
+                source.refuse((*path, n, keys[0]), words, f"give each its own {keys[-1]}")
     return rows
-
-
-def _require_unlike(rows: Sequence[Any], keys: Sequence[str], source: TableSource, path: KeyPath) -> None:
-    marks: list[list[Any]] = []
-    for n, row in enumerate(rows):
-        mark = [getattr(row, key) for key in keys]
-        if mark in marks:
-            values = ", ".join(f"{key} = {shown(one)}" for key, one in zip(keys, mark, strict=True))
-            source.refuse((*path, n, keys[0]), f"must differ; {values} is given twice", f"give each its own {keys[-1]}")
-        marks.append(mark)

@@ -4,7 +4,6 @@ from importlib.util import find_spec
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-"""The folder of this package and of the others that belong to it."""
 
 
 def check_namesakes() -> None:

@@ -66,8 +66,6 @@ class StepRate:
         return f"{rate:.1f}/s, {clock} left" if rate >= 0.95 else f"{1 / rate:.1f} s each, {clock} left"
 
 
-# --- How many threads a measurement may use: as many as there are cores, or fewer beside other processes ---
-
 _LIMIT: ContextVar[int | None] = ContextVar("threads", default=None)
 
 

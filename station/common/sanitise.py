@@ -37,9 +37,6 @@ def cell(text: str) -> str:
     return f"'{shown}" if shown.startswith(FORMULA) else shown
 
 
-# --- Numbers with uncertainties, as text ---
-
-
 def stated(value: float, uncertainty: float) -> str:
     """A value with its standard uncertainty, rounded to two digits of it: 0.5782 ± 0.0014."""
     if not math.isfinite(value):
@@ -51,7 +48,6 @@ def stated(value: float, uncertainty: float) -> str:
 
 
 UNITS = {"_m_s2": "m/s²", "_rad_s": "rad/s", "_mm": "mm", "_deg": "°", "_um": "µm", "_nm": "nm", "_s": "s"}
-"""Units by the ending of a name."""
 
 
 def unit_of(name: str) -> tuple[str, str]:

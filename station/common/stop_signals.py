@@ -14,11 +14,9 @@ from contextlib import contextmanager
 from types import FrameType
 
 EXIT_DEVICE = 3
-"""The exit code after an emergency stop."""
 ENDING = tuple(getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT") if hasattr(signal, n))
 """Ctrl-C, termination by the system, a lost terminal or ssh connection, Ctrl-\\."""
 SUSPENDING = tuple(getattr(signal, n) for n in ("SIGTSTP",) if hasattr(signal, n))
-"""Ctrl-Z."""
 TURN_S = 0.0005
 """Switch interval of Python's lock, which delays the stop; the default is 5 ms."""
 STOPPED_S = 1.0

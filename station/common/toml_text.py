@@ -20,17 +20,17 @@ def toml_text(table: Mapping[str, Any]) -> str:
 
 
 def _section(table: Mapping[str, Any], path: tuple[str, ...]) -> list[str]:
-    text = [f"{_key(name)} = {toml_value(value)}\n" for name, value in table.items() if not _skipped(value)]
+    text = [
+        f"{_key(name)} = {toml_value(value)}\n"
+        for name, value in table.items()
+        if not (value is None or isinstance(value, Mapping))
+    ]
     if path and (text or not any(isinstance(value, Mapping) for value in table.values())):
         text.insert(0, f"\n[{'.'.join(_key(part) for part in path)}]\n")
     for name, value in table.items():
         if isinstance(value, Mapping):
             text += _section(value, (*path, name))
     return text
-
-
-def _skipped(value: Any) -> bool:
-    return value is None or isinstance(value, Mapping)
 
 
 def toml_value(value: Any) -> str:
@@ -61,8 +61,6 @@ def _quoted(text: str) -> str:
     return json.dumps(whole, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-# --- Line numbers of the keys of a TOML file, which Python's own parser does not give ---
-
 KeyPath = tuple[str | int, ...]
 """Keys, and indices within lists, from the root."""
 CLOSINGS = ("", "]", "}]", "]]", '"""', "'''")
@@ -70,10 +68,8 @@ CLOSINGS = ("", "]", "}]", "]]", '"""', "'''")
 
 
 def line_of(text: str, path: KeyPath) -> int | None:
-    """The line of valid TOML, counted from 1, on which a key begins, or else its nearest ancestor that is there.
-
-    That line is the first one whose addition makes the key a part of what Python reads.
-    """
+    """The line of valid TOML, counted from 1, on which a key begins, or else its nearest ancestor that is there. That
+    line is the first one whose addition makes the key a part of what Python reads."""
     lines, whole = text.split("\n"), tomllib.loads(text)
     there = next((path[:n] for n in range(len(path), 0, -1) if _has(whole, path[:n])), None)
     if there is None:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 METADATA = re.compile(r"(?P<name>[^-]+)-(?P<version>[^-]+)(-py[\d.]+)?\.(dist|egg)-info")
-"""Folders that describe installed packages."""
 PACKAGES = ("numpy", "scipy", "numba", "opencv-contrib-python-headless", "rawpy")
 
 

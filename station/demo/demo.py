@@ -35,7 +35,6 @@ SCHEMA = "station/demo/1"
 CHART = "chart.pdf"
 PAGE = "index.html"
 SHOWN_PLANE = "G1"
-"""Plane whose photograph and residual are drawn."""
 PRINT_BLUR = 0.075
 """Standard deviation of the print's blur, in cells: that of a fine print."""
 STEPS_PER_PHOTOGRAPH = 5
@@ -84,11 +83,8 @@ class Demonstration:
 
 @dataclass(frozen=True)
 class Summary:
-    """Agreement of all planes with the truth.
-
-    `ratio_*` are errors of PSFs over the expected errors, `centre_px` is the largest error of a centre, `mtf50_within`
-    the number of MTF50 within 2.5 standard uncertainties of the truth.
-    """
+    """Agreement of all planes with the truth. `ratio_*` are errors of PSFs over the expected errors, `centre_px` is the
+    largest error of a centre, `mtf50_within` the number of MTF50 within 2.5 standard uncertainties of the truth."""
 
     planes: int
     passed: int
@@ -132,10 +128,8 @@ def run_demo(
 ) -> tuple[Demonstration, str]:
     """Print, photograph, read, estimate, compare, report; returns the demonstration and the record's text.
 
-    out : Path
-        Receives chart, photographs, results, record and page, all at once at the end.
-    seed : int
-        Seed of the camera's noise.
+    out : receives chart, photographs, results, record and page, all at once at the end
+    seed : seed of the camera's noise
     """
     start = time.perf_counter()
     chart, parameters = Source.from_seed().with_edges(), PatternParameters(print_blur=PRINT_BLUR)
@@ -157,7 +151,6 @@ def _shoot(
     root: Path, setup: Staging, chart: Source, parameters: PatternParameters, rng: np.random.Generator,
     progress: Progress,
 ) -> DemoPhotograph:  # fmt: skip
-    """One photograph, from the scene to the result files of its planes."""
     start = time.perf_counter()
     path = Path("photographs", f"{setup.name}.dng")
     (root / path).parent.mkdir(exist_ok=True)
@@ -201,19 +194,18 @@ def _record(demonstration: Demonstration, duration_s: float) -> dict[str, Any]:
             "chart": demonstration.chart.origin,
         },
         "summary": asdict(summary(demonstration)),
-        "photographs": [_shot_entry(shot) for shot in demonstration.shots],
+        "photographs": [
+            {
+                "name": shot.setup.name,
+                "title": shot.setup.title,
+                "input": {"path": shot.path.as_posix(), "sha256": shot.frame.sha256},
+                "result": f"results/{shot.setup.name}/{RECORD}",
+                "planes": {plane.name: _plane_entry(plane) for plane in shot.planes},
+            }
+            for shot in demonstration.shots
+        ],
         "software": software(),
         "duration_s": round(duration_s, 3),
-    }
-
-
-def _shot_entry(shot: DemoPhotograph) -> dict[str, Any]:
-    return {
-        "name": shot.setup.name,
-        "title": shot.setup.title,
-        "input": {"path": shot.path.as_posix(), "sha256": shot.frame.sha256},
-        "result": f"results/{shot.setup.name}/{RECORD}",
-        "planes": {plane.name: _plane_entry(plane) for plane in shot.planes},
     }
 
 
@@ -250,7 +242,6 @@ def demonstration_page(demonstration: Demonstration) -> str:
 
 
 def _compared(demonstration: Demonstration, numbers: Callable[[TruthComparison], Sequence[float]]) -> psf_figures.Rows:
-    """Numbers of every compared plane, by photograph."""
     return [
         (shot.setup.title, {one.name: numbers(one.comparison) for one in shot.planes if one.comparison is not None})
         for shot in demonstration.shots
@@ -258,7 +249,6 @@ def _compared(demonstration: Demonstration, numbers: Callable[[TruthComparison],
 
 
 def _places(demonstration: Demonstration) -> list[Any]:
-    """Outlines of the charts in fractions of the frame."""
     outlines = []
     for shot in demonstration.shots:
         for plane in shot.planes[:1]:
@@ -269,7 +259,6 @@ def _places(demonstration: Demonstration) -> list[Any]:
 
 
 def _pictures(shot: DemoPhotograph, name: str) -> Mapping[str, Any]:
-    """Figures of one photograph: of its shown plane, and of every plane."""
     pictures: dict[str, Any] = {"planes": {}}
     for plane in shot.planes:
         estimate, against = plane.result.estimate, plane.comparison

@@ -30,7 +30,6 @@ from simulators.world.scene import Scene
 from station.results.explanation import BRIGHTER, NEXT_VIEW
 
 Entry = Mapping[str, Any]
-"""A plane in a record."""
 Effects = Mapping[str, Mapping[str, float]]
 """By change of the set-up: the factor by which each term of the budget changes; others stay as they are."""
 
@@ -96,13 +95,11 @@ def _effects(
     spread: Callable[..., float], now: tuple[float, ...], changes: Mapping[str, tuple[float, ...]],
     terms: Sequence[str] = ("noise",),
 ) -> Effects:  # fmt: skip
-    """The effects on the terms, by the twin's uncertainty `spread` now and after each change."""
     before = spread(*now)
     return {words: dict.fromkeys(terms, spread(*change) / before) for words, change in changes.items()}
 
 
 def _optics(mtf50: float) -> Optics:
-    """A Gaussian that has this MTF50 with the pixels."""
     sigma = max((GAUSSIAN_AT_HALF / mtf50) ** 2 - PIXEL_SIGMA**2, 0.01) ** 0.5
     return Optics((GaussianBlur(sigma), PixelAperture()), PITCH_UM)
 
@@ -110,9 +107,6 @@ def _optics(mtf50: float) -> Optics:
 def _median(uncertainties: Sequence[float]) -> float:
     """Infinite where every photograph was refused."""
     return float(np.median(uncertainties)) if uncertainties else math.inf
-
-
-# --- charts ---
 
 
 def chart_effects(plane: Entry) -> Effects:
@@ -146,8 +140,6 @@ def _chart_uncertainty(plane: Entry, width: float, noise: float) -> float:
             uncertainties.append(combined({term: one for term, one in budget.items() if term not in COMMON}))
     return _median(uncertainties)
 
-
-# --- walls ---
 
 FOCAL_PX, LARGEST, PER_LEAF = 3000.0, 240.0, 60.0
 """Distance of the lens from the sensor in pixels; largest leaf, and pixels per leaf, of the near photograph."""
@@ -184,8 +176,6 @@ def _wall_uncertainty(plane: Entry, side: int, zoom: float, noise: float) -> flo
     return _median(uncertainties)
 
 
-# --- edges ---
-
 SLANT = math.radians(5)
 
 
@@ -209,8 +199,6 @@ def _edge_uncertainty(mtf50: float, width: int, height: int, noise: float) -> fl
     return math.inf if outcome.value is None else outcome.value.budgets[EDGE_MTF50]["noise"]
 
 
-# --- sensors ---
-
 LEVELS, MOST_PIXELS = 24, 40_000
 """Levels of light of the twin from dark to saturation, and its most pixels."""
 
@@ -223,7 +211,6 @@ def sensor_effects(plane: Entry) -> Effects:
 
 
 def _gain_uncertainty(model: Mapping[str, float], side: int, pictures: int, levels: int) -> float:
-    """Standard uncertainty of the gain by `pictures` at each of the levels of a sensor with `side` rows and columns."""
     rng = np.random.default_rng(SEEDS[0])
     gain, dark, top, variance = (float(model[name]) for name in ("gain", "dark_level", "saturation", "dark_variance"))
 

@@ -1,7 +1,5 @@
-"""Pictures of the manual: every procedure measures what the simulated cameras photograph, and its page is cut up.
-
-The pictures are drawn when the manual is written for a browser, so that they show what the program does today.
-"""
+"""Pictures of the manual: every procedure measures what the simulated cameras photograph, and its page is cut up. The
+pictures are drawn when the manual is written for a browser, so that they show what the program does today."""
 
 import asyncio
 import base64
@@ -64,13 +62,13 @@ from station.procedure.schema import procedure_named
 from station.reports import otf_figures, psf_figures
 from station.reports.batches.batch_page import BatchLine, BatchReport, NumberGroup, batch_page
 from station.reports.batches.series_page import series_page
-from station.reports.certificate_figure import curves_figure
+from station.reports.certificate import curves_figure
 from station.reports.trend import trends
 from station.reports.trend_figure import trend_picture
 from station.results.measurement import Measurement, write_measurement
 from station.results.record_head import RecordHead, files_read
 from station.results.result_files import ResultFolder
-from station.service.pictures import jpeg_of
+from station.service.runs import jpeg_of
 from station.sessions.index import IndexedNumber
 
 NAMESPACE = 'xmlns="http://www.w3.org/2000/svg"'
@@ -82,9 +80,7 @@ DRAWING = re.compile(r'<svg role="img" aria-label="([^"]*)".*?</svg>', re.DOTALL
 PATIENCE_S = 60.0
 """Limit of the wait for a screen."""
 DUMP = "60x80,Y,u16be,0,65535"
-"""Layout of samples without a header."""
 CELL_MM = 300 / 320
-"""Side of a printed cell."""
 Pictures = dict[str, bytes]
 
 
@@ -102,7 +98,6 @@ def manual_pictures(printed: Callable[[Sequence[str]], str], progress: Progress 
 
 
 def _of_page(page: str, begins: Mapping[str, str]) -> Pictures:
-    """The figures of a page by the name of a picture and the beginning of their caption."""
     drawn = {unescape(one[1]): (".svg", _file_of(one[0])) for one in DRAWING.finditer(page)}
     drawn |= {unescape(one[2]): (".png", base64.b64decode(one[1])) for one in IMAGE.finditer(page)}
     pictures = {}
@@ -117,7 +112,6 @@ def _file_of(drawing: str) -> bytes:
 
 
 def _measured(name: str, paths: Sequence[Path], out: Path, **settings: object) -> str:
-    """The page of a procedure's measurement, whose files are written too."""
     procedure = procedure_named(name)
     given = read_model(procedure.Settings, settings, TableSource())
     return _written(name, next(iter(procedure.measurements(paths, given))), out)
@@ -130,12 +124,8 @@ def _written(name: str, measurement: Measurement, out: Path) -> str:
 
 
 def _grey(path: Path, light: npt.NDArray[np.floating[Any]]) -> Path:
-    """A grey picture of 16 bits; 1 is white."""
     cv2.imwrite(str(path), np.rint(65535 * np.clip(light, 0, 1)).astype(np.uint16))
     return path
-
-
-# --- parts -----------------------------------------------------------------------------------------------------------
 
 
 def _pattern(folder: Path) -> Pictures:
@@ -171,7 +161,6 @@ def _pattern(folder: Path) -> Pictures:
 
 
 def _witnessed(folder: Path) -> Pictures:
-    """The four photographs with witnesses, and the agreement of the PSF with those of two more photographs."""
     chart, quick = Source.from_seed().chart, {"plane": SHOWN_PLANE, "s": 3, "k": 13}
     far, near = SETUP, replace(SETUP, s_over_t=1.5, rows=510, columns=510)
     shots = (far, 0.5, 0), (far, 1, 0), (near, 1, 0), (far, 1, 0.6), (far, 1, 0), (far, 1, 0)
@@ -188,14 +177,12 @@ def _witnessed(folder: Path) -> Pictures:
 
 
 def _series(folder: Path) -> Pictures:
-    """MTF50 over the aperture: aberrations at first, diffraction at last."""
     lens = [(n, 0.42 - 0.06 * np.log2(n / 5) ** 2) for n in (2.0, 2.8, 4.0, 5.6, 8.0, 11.0, 16.0)]
     points = [Point("G1", MTF50_HORIZONTAL, SeriesSetting(n, 2e3, 100.0), y, 0.006, "cycles/pixel", 3) for n, y in lens]
     return _of_page(series_page(points, []), {"series": ""})
 
 
 def _guided(plan: str, begins: Mapping[str, str]) -> Callable[[Path], Pictures]:
-    """A part from the page of a guided session on the simulated bench."""
 
     def part(folder: Path) -> Pictures:
         ended, _ = run_guided(folder / plan, 1, lambda sentence, remedy: None, plan)
@@ -206,7 +193,6 @@ def _guided(plan: str, begins: Mapping[str, str]) -> Callable[[Path], Pictures]:
 
 
 def _field(folder: Path) -> Pictures:
-    """A frame with a chart at six places, and its correction by the field."""
     sensor = Sensor(280, 310, None, bits=16, full_well_e=5.2e5, gain_e_per_dn=8.0)
     camera = SimulatedCamera(sensor=sensor, pitch_um=7.5, white_e_per_s=2e7, oversampling=5)
     places = [(x, y) for y in (0.25, 0.75) for x in (0.18, 0.5, 0.82)]
@@ -223,7 +209,6 @@ def _field(folder: Path) -> Pictures:
 
 
 def _vignetting(folder: Path) -> Pictures:
-    """Four flats of light that falls off with the fourth power of the cosine."""
     y, x = np.mgrid[-1:1:96j, -1:1:128j]
     rng = np.random.default_rng(7)
     light = 0.5 * np.cos(np.arctan(0.45 * np.hypot(x, 0.75 * y))) ** 4
@@ -232,7 +217,6 @@ def _vignetting(folder: Path) -> Pictures:
 
 
 def _tilt(folder: Path) -> Pictures:
-    """Best focus at nine places behind a sensor of known slopes."""
     places = np.array([(x, y) for y in (-10.0, 0.0, 10.0) for x in (-15.0, 0.0, 15.0)])
     x, y = places.T
     heights = 2 + 1.5 * x - 0.5 * y + 0.02 * x**2 + np.random.default_rng(8).standard_normal(9)
@@ -244,7 +228,6 @@ def _tilt(folder: Path) -> Pictures:
 
 
 def _restoration(folder: Path) -> Pictures:
-    """A textured wall, out of focus twice."""
     rng = np.random.default_rng(6)
     scene = 0.1 + 0.8 * gaussian_filter(rng.random((84, 90)), 0.8, mode="wrap")
     paths = []
@@ -260,7 +243,6 @@ def _restoration(folder: Path) -> Pictures:
 
 
 def _rays(folder: Path) -> Pictures:
-    """A render of 16 samples per pixel: a step of light, the samples distributed exponentially."""
     light = np.where(np.hypot(*np.mgrid[-1:1:64j, -1:1:80j]) < 0.6, 0.9, 0.25)[..., None, None]
     np.savez(folder / "film.npz", samples=light * np.random.default_rng(5).exponential(1.0, (64, 80, 16, 3)))
     page = _measured("rays", [folder / "film.npz"], folder / "filtered")
@@ -287,7 +269,6 @@ def _batch(folder: Path) -> Pictures:
 
 
 def _library(folder: Path) -> Pictures:
-    """The plot and the page of an edge in a dump of a sensor."""
     y, x = np.mgrid[:80, :60]
     away = (x - 29.5 - np.tan(np.radians(5.5)) * (y - 39.5)) * np.cos(np.radians(5.5))
     light = 0.1 + 0.7 * ndtr(away / 0.7) + 0.004 * np.random.default_rng(10).standard_normal(x.shape)
@@ -302,13 +283,11 @@ def _library(folder: Path) -> Pictures:
 
 
 def _reproduced(folder: Path) -> Pictures:
-    """The figure of one quick row."""
     (row,) = (one for one in ROWS if one.name == "bound-expected")
     return {"reproduced.svg": _file_of(str(compute(row, Setting()).computed.figures[0]))}
 
 
 def _trend(folder: Path) -> Pictures:
-    """MTF50 of a lens that loses its adjustment, in eight sessions."""
     rng, measured = np.random.default_rng(11), []
     for month in range(1, 9):
         value = 0.31 - 0.004 * month + 0.002 * rng.standard_normal()
@@ -319,7 +298,6 @@ def _trend(folder: Path) -> Pictures:
 
 
 def _geometry(folder: Path) -> Pictures:
-    """Six views of a lens with known distortion, and of a second camera 60 mm to its right."""
     lens = simple_camera("OPENCV", (5200.0, 5204.0), (3012.0, 1989.0), (6000, 4000))
     lens = replace(lens, params=np.array([*lens.params[:4], -0.12, 0.06, 4e-4, -3e-4]))
     page, _ = (_six_views(lens, 60.0 * n, folder / name) for n, name in enumerate(("left", "right")))
@@ -327,7 +305,6 @@ def _geometry(folder: Path) -> Pictures:
 
 
 def _six_views(lens: CameraModel, to_right_mm: float, out: Path) -> str:
-    """The page of the geometry of a camera displaced to the right, whose files are written too."""
     rng, nodes, records = np.random.default_rng(12), chart_nodes(CELL_MM), []
     for n, place in enumerate([(0.5, 0.5), (0.25, 0.3), (0.75, 0.3), (0.25, 0.7), (0.75, 0.7), (0.5, 0.35)]):
         tilt = Rotation.from_rotvec(0.5 * np.array([np.cos(2.4 * n), np.sin(2.4 * n), 0]))
@@ -343,7 +320,6 @@ def _six_views(lens: CameraModel, to_right_mm: float, out: Path) -> str:
 
 
 def _phone(folder: Path) -> Pictures:
-    """The newest photograph as the service sends it, with the chart's outline as it is and as it is wanted."""
     path = folder / "phone.dng"
     photograph(SETUP, Chart.from_seed(), np.random.default_rng(13), path)
     plane = read_frame(path).planes[SHOWN_PLANE].samples
@@ -361,9 +337,6 @@ def _phone(folder: Path) -> Pictures:
     return {"phone.svg": f'<svg {NAMESPACE} viewBox="0 0 {columns} {rows}">{picture}</svg>'.encode()}
 
 
-# --- screens of the application ---------------------------------------------------------------------------------------
-
-
 SCREENS = ("plans", (), "homed"), ("bench", ("f3",), "ready"), ("focus", ("f7", "enter"), "s/t")
 """Name, keys that lead to the screen, and a word that it has when it is complete."""
 
@@ -375,7 +348,6 @@ def self_contained(svg: str) -> str:
 
 
 def _screens(folder: Path) -> Pictures:
-    """The application on the simulated bench: the plans, the devices, and live focus."""
     lab = StationLab(sessions=folder / "sessions", config=None, simulate=True)
     lab.virtual_time = True
 
@@ -423,7 +395,6 @@ ROWS_SHOWN, COLUMNS_SHOWN = 26, 92
 
 
 def _terminal_pictures(folder: Path, printed: Callable[[Sequence[str]], str]) -> Pictures:
-    """The text that every command of `COMMANDS` writes, as a terminal shows it."""
     printed(["mtf", "edge", "dump.raw", "--raw", DUMP, "--certificate", "--out", "certified"])
     session = next(one.name for one in (folder / "edge").iterdir() if one.is_dir())
     pictures: Pictures = {}

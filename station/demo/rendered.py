@@ -1,7 +1,5 @@
-"""The simulated bench, rendered: light traced through scenes in depth, filtered, photographed and shown.
-
-Films are saved in `films` next to the results as they grow: an interrupted render continues where it stopped.
-"""
+"""The simulated bench, rendered: light traced through scenes in depth, filtered, photographed and shown. Films are
+saved in `films` next to the results as they grow: an interrupted render continues where it stopped."""
 
 import hashlib
 import time
@@ -20,7 +18,6 @@ from procedures.ray_histogram.multiscale import FilteredFilm, filter_film
 from simulators.camera.optics import Optics
 from simulators.camera.render import photograph_render
 from simulators.camera.sensor import Sensor
-from simulators.rays.path_tracer import ThinLensCamera
 from simulators.rays.ray_scenes import SCENES
 from station.common.progress import Progress, silent
 from station.common.versions import software
@@ -48,12 +45,9 @@ REFERENCE_SEED = 1 << 32
 class RenderPlan:
     """Settings of a rendering.
 
-    columns : int
-        Width of the 4 : 3 pictures; a multiple of 8, so that mosaics have whole tiles.
-    samples, converged : int
-        Samples per pixel of the filtered film and of its reference.
-    restored : bool
-        Whether a scene in depth is photographed at two apertures and restored.
+    columns : width of the 4 : 3 pictures; a multiple of 8, so that mosaics have whole tiles
+    samples, converged : samples per pixel of the filtered film and of its reference
+    restored : whether a scene in depth is photographed at two apertures and restored
     """
 
     columns: int = 320
@@ -99,8 +93,7 @@ def rendered_demo(
 ) -> tuple[tuple[Rendered, ...], RestoredDepth | None, str]:
     """Render, filter, photograph, restore and show; returns the scenes, the restoration and the record's text.
 
-    out : Path
-        Receives `films` as they grow, and pictures, photographs, page and record all at once at the end.
+    out : receives `films` as they grow, and pictures, photographs, page and record all at once at the end
     """
     start = time.perf_counter()
     plan = plan or RenderPlan()
@@ -127,7 +120,6 @@ def rendered_demo(
 def _render(
     folder: ResultFolder, films: Path, name: str, plan: RenderPlan, threads: int, progress: Progress
 ) -> Rendered:
-    """Render one scene and write its files."""
     scene, camera = SCENES[name](plan.rows, plan.columns)
     stem = f"{name}-{plan.columns}x{plan.rows}-seed{plan.seed}"
     film, reference = (
@@ -137,17 +129,12 @@ def _render(
     filtered = filter_film(film, threads=threads)
     folder.write(f"{name}.png", display_png(filtered.picture))
     path = folder.staging / f"{name}.dng"
-    _photograph(name, filtered, camera, plan, path)
-    progress(f"{name}: filtered and photographed")
-    return Rendered(name, film, filtered, reference, hashlib.sha256(path.read_bytes()).hexdigest())
-
-
-def _photograph(name: str, filtered: FilteredFilm, camera: ThinLensCamera, plan: RenderPlan, path: Path) -> None:
-    """Photograph the filtered picture through a typical lens on a sensor of the bench, as a DNG."""
     sensor = Sensor(rows=plan.rows, columns=plan.columns)
     rng = np.random.default_rng([plan.seed, *name.encode()])
     shot = Shot(f_number=5.6, focal_length_mm=camera.focal_mm, subject_distance_mm=camera.focus_mm, comment=name)
     photograph_render(filtered.picture, Optics.typical(), sensor, rng, path, shot=shot)
+    progress(f"{name}: filtered and photographed")
+    return Rendered(name, film, filtered, reference, hashlib.sha256(path.read_bytes()).hexdigest())
 
 
 def _row(rendered: Rendered) -> RenderRow:

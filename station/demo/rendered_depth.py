@@ -1,7 +1,5 @@
-"""A rendered scene in depth, photographed at two apertures and restored; compared with the renderer's truth.
-
-Exposure times compensate for the apertures, so that both photographs have the same mean.
-"""
+"""A rendered scene in depth, photographed at two apertures and restored; compared with the renderer's truth. Exposure
+times compensate for the apertures, so that both photographs have the same mean."""
 
 import hashlib
 from dataclasses import asdict, dataclass
@@ -40,7 +38,6 @@ APERTURES = (1.4, 1.0)
 RATIO = APERTURES[0] / APERTURES[1]
 PLANE = "G1"
 PITCH = 2
-"""Pitch of a plane of the mosaic, sensor pixels."""
 WHITE_E = 25e3
 EXPOSURE_S = 0.02
 
@@ -72,11 +69,9 @@ class DepthPlan:
 class RestoredDepth:
     """A restoration and its truth.
 
-    photographs : two of (rows, columns)
-        The plane of both files, 1 = saturation.
-    sharp, w : (rows, columns)
-        The picture of a pinhole camera through the same optics, on the same scale, and the true half-width of blur in
-        samples of the first photograph's plane.
+    photographs : (rows, columns), the plane of both files, 1 = saturation
+    sharp, w : (rows, columns), the picture of a pinhole camera through the same optics, on the same scale, and the true
+        half-width of blur in samples of the first photograph's plane
     sha256 : mapping of file name to hash.
     """
 
@@ -104,7 +99,8 @@ class RestoredDepth:
         """Errors of w (samples), of distance, and of the picture (grey levels of 255), without the rim."""
         inside = np.s_[self.rim : -self.rim, self.rim : -self.rim]
         error = (self.restoration.w - self.w)[inside]
-        setting = _setting(self.plan)
+        camera = self.plan.camera(APERTURES[0])
+        setting = CameraSetting(camera.focal_mm, camera.f_number, camera.focus_mm, camera.pitch_um * PITCH)
         near, true = (setting.distance_mm(-np.asarray(w[inside], np.float64)) for w in (self.restoration.w, self.w))
         pictures = {"photographs": self.photographs, "restored": (self.restoration.sharp[0],)}
         levels = {name: [_rms((one - self.sharp)[inside] / _white(self.plan)) * 255 for one in several]
@@ -137,7 +133,8 @@ def restored_depth(
     stacks = stacks_of([pillbox()] * 2, (1.0, RATIO), plan.max_w, first.shape)
     outcome = restore([first[None], second[None]], stacks, plan.parameters)
     sha256 = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
-    result = RestoredDepth(plan, (first, second), outcome, _noiseless(sharp, plan), true_w(plan), sha256)
+    light = blur_and_sample(sharp[..., 1], Optics.typical(f_number=APERTURES[0]), "G", 1)
+    result = RestoredDepth(plan, (first, second), outcome, _plane(light, plan) * _white(plan), true_w(plan), sha256)
     folder.write(f"{NAME}-w.npy", npy(result.restoration.w, np.float32))
     folder.write(f"{NAME}-restored.png", display_png(result.restoration.sharp[0] / _white(plan)))
     progress(f"{NAME}: restored")
@@ -196,7 +193,6 @@ def depth_entry(depth: RestoredDepth) -> dict[str, Any]:
 
 
 def _picture(films: Path, plan: DepthPlan, f_number: float, threads: int, progress: Progress) -> Array:
-    """The filtered render at one aperture, with its own noise."""
     scene, camera = leaves_in_depth(plan.rows, plan.columns, f_number)
     stem = f"{NAME}-f{f_number:g}-{plan.columns}x{plan.rows}-seed{plan.seed}-{plan.samples}"
     seed = int.from_bytes(hashlib.sha256(stem.encode()).digest()[:8])
@@ -214,27 +210,14 @@ def _photograph(picture: Array, plan: DepthPlan, f_number: float, path: Path) ->
     photograph_render(picture, Optics.typical(f_number=f_number), plan.sensor, rng, path, white_e=WHITE_E, shot=shot)
 
 
-def _noiseless(picture: Array, plan: DepthPlan) -> Array:
-    """A picture on the plane, without noise, through the first photograph's optics, 1 = saturation."""
-    light = blur_and_sample(picture[..., 1], Optics.typical(f_number=APERTURES[0]), "G", 1)
-    return _plane(light, plan) * _white(plan)
-
-
 def _plane(values: Array, plan: DepthPlan) -> Array:
     x, y = plan.sensor.planes[PLANE]
     return values[y::PITCH, x::PITCH]
 
 
 def _white(plan: DepthPlan) -> float:
-    """Level of white in green, 1 = saturation."""
     sensor = plan.sensor
     return WHITE_E / sensor.gain_e_per_dn / (sensor.white - min(sensor.black))
-
-
-def _setting(plan: DepthPlan) -> CameraSetting:
-    """The first photograph's camera, with the pitch of a plane."""
-    camera = plan.camera(APERTURES[0])
-    return CameraSetting(camera.focal_mm, camera.f_number, camera.focus_mm, camera.pitch_um * PITCH)
 
 
 def _spread(depth: RestoredDepth, w: npt.NDArray[np.floating[Any]]) -> Array:
@@ -246,8 +229,6 @@ def _rms(error: npt.NDArray[np.floating[Any]]) -> float:
     return float(np.sqrt(np.mean(np.square(error, dtype=np.float64))))
 
 
-# --- Films of rendered scenes, saved as they grow: an interrupted render continues from its file ---
-
 PASS = 32
 """Samples per pixel after which a film is saved."""
 
@@ -256,10 +237,8 @@ def render_film(
     scene: RayScene, camera: ThinLensCamera, samples: int, seed: int, path: Path, *, threads: int = 1,
     progress: Progress = silent,
 ) -> Film:  # fmt: skip
-    """The film of a scene with `samples` samples per pixel, continuing the film in `path`.
-
-    That file must have the same scene, camera and seed: name it after them.
-    """
+    """The film of a scene with `samples` samples per pixel, continuing the film in `path`. That file must have the same
+    scene, camera and seed: name it after them."""
     film = read_film(path) if path.exists() else Film.blank(camera.rows, camera.columns)
     taken = film.count.astype(np.int64) + film.dropped
     for wanted in (*range(int(taken.min()) + PASS, samples, PASS), samples):

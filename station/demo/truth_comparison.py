@@ -36,14 +36,11 @@ class ComparedNumber:
 class TruthComparison:
     """An estimate compared with the truth.
 
-    otf : callable
-        The true transfer function of the whole PSF at frequencies (fx, fy) in cycles per pixel of the plane.
+    otf : the true transfer function of the whole PSF at frequencies (fx, fy) in cycles per pixel of the plane
     aligned : (k, k) float64
         The true PSF after the best subpixel shift.
-    error : float
-        Relative L2 distance from it.
-    expected : float
-        Expected error: root sum of squares of the covariance's and the truncation's.
+    error : relative L2 distance from it
+    expected : expected error: root sum of squares of the covariance's and the truncation's
     centre_px : (float, float)
         (x, y) from the chart's marks in the true image to the estimate's centre, in pixels of the plane.
     mtf50 : mapping of direction to ComparedNumber
@@ -72,30 +69,33 @@ def compare(estimate: PatternPsf, samples: Array, floor: float, otf: Otf) -> Tru
     estimate : PatternPsf
     samples : (k, k) float64
         The true PSF on the estimate's grid, of sum 1, its centre sample the geometric centre.
-    floor : float
-        Norm of the PSF outside the support, relative to that of the whole PSF.
-    otf : callable
-        The true transfer function of the whole PSF.
+    floor : norm of the PSF outside the support, relative to that of the whole PSF
+    otf : the true transfer function of the whole PSF
     """
     s = estimate.psf.s
     aligned, shift = align(samples, estimate.psf.h)
     # the estimate's origin is the image of the marks: a PSF that displaces them to the right is itself displaced left
     centre = shift / s + mark_offset(samples, s, estimate.registration.jacobian())
+    f = np.arange(0.0, estimate.psf.s / 2, FINE_STEP)
+    pairs = {}
+    for name, (x, y) in zip(DIRECTIONS, ((f, 0 * f), (0 * f, f)), strict=True):
+        measured = estimate.quality.numbers.get(f"mtf50_{name}")
+        below = np.flatnonzero(np.abs(otf(x, y)) < 0.5)
+        if measured is not None and len(below):
+            pairs[name] = ComparedNumber(measured, float(f[below[0]]) - FINE_STEP / 2)
     return TruthComparison(
         otf=otf,
         aligned=aligned,
         error=float(np.linalg.norm(estimate.psf.h - aligned) / np.linalg.norm(samples)),
         expected=math.hypot(estimate.diagnostics["relative_uncertainty"], floor),
         centre_px=(float(centre[0]), float(centre[1])),
-        mtf50=_mtf50(estimate, otf),
+        mtf50=pairs,
     )
 
 
 def align(truth: Array, h: Array) -> tuple[Array, Array]:
     """The truth (k, k) after the subpixel shift that minimises its distance from h, and the shift (x, y) in samples.
-
-    Gauss-Newton on a Fourier shift, with zeros beyond the support.
-    """
+    Gauss-Newton on a Fourier shift, with zeros beyond the support."""
     k = len(truth)
     spectrum = np.fft.fft2(np.pad(truth, k))
     wave = -2j * np.pi * np.fft.fftfreq(3 * k)
@@ -112,15 +112,3 @@ def align(truth: Array, h: Array) -> tuple[Array, Array]:
         if np.abs(step).max() < 1e-7:
             break
     return cut(moved), shift
-
-
-def _mtf50(estimate: PatternPsf, otf: Otf) -> dict[str, ComparedNumber]:
-    """Measured and true MTF50, in the directions in which both exist."""
-    f = np.arange(0.0, estimate.psf.s / 2, FINE_STEP)
-    pairs = {}
-    for name, (x, y) in zip(DIRECTIONS, ((f, 0 * f), (0 * f, f)), strict=True):
-        measured = estimate.quality.numbers.get(f"mtf50_{name}")
-        below = np.flatnonzero(np.abs(otf(x, y)) < 0.5)
-        if measured is not None and len(below):
-            pairs[name] = ComparedNumber(measured, float(f[below[0]]) - FINE_STEP / 2)
-    return pairs

@@ -1,27 +1,17 @@
-"""Every colour that is drawn or printed: in figures, on pages and certificates, in terminals.
-
-Figures have a softer ink than text, which is read at smaller sizes.
-"""
-
-# --- figures -----------------------------------------------------------------------------------------------------
+"""Every colour that is drawn or printed: in figures, on pages and certificates, in terminals. Figures have a softer ink
+than text, which is read at smaller sizes."""
 
 INK, FAINT = "#2b3036", "#9aa3ad"
 MARK = "#ff8c1a"
-"""Colour of detections in a picture."""
 ALONG = {"horizontal": "#1f5fa8", "vertical": "#c4541a"}
 LIMIT_COLOUR = "#6b4c9a"
-"""The diffraction limit."""
 PLANE_COLOURS = {"R": "#c0392b", "G1": "#1e8449", "G2": "#7dbb42", "B": "#2e6fbf", "Y": "#444444"}
 SERIES = (INK, *ALONG.values(), PLANE_COLOURS["G1"], "#8e44ad", "#b8860b")
 """Curves of one frame, the first of which is drawn first."""
 
-# --- text --------------------------------------------------------------------------------------------------------
-
 TEXT, SOFT = "#1d2329", "#59636e"
 RULE, FAINT_RULE = "#dfe3e8", "#eef0f2"
-"""Colours of lines, and of lines between the rows of a table."""
 PAPER, GROUND = "#ffffff", "#f4f6f8"
-"""Colours of pages and of their background."""
 LINK = ALONG["horizontal"]
 PASS, DOUBTFUL, REFUSED = "#1a7f4b", "#a86400", "#b3261e"
 VERDICT_COLOURS = {
@@ -29,17 +19,12 @@ VERDICT_COLOURS = {
     **dict.fromkeys(("doubtful", "undecided"), DOUBTFUL),
     **dict.fromkeys(("refused", "fail", "does not meet"), REFUSED),
 }
-"""Colours of both kinds of verdict."""
-
-# --- terminals ---------------------------------------------------------------------------------------------------
 
 TERMINAL_COLOURS = {
     **dict.fromkeys(("pass", "reproduced"), "green"),
     **dict.fromkeys(("doubtful", "same direction", "not computed"), "yellow"),
     **dict.fromkeys(("refused", "fail", "not reproduced"), "red"),
 }
-"""Names of terminal colours by verdict."""
 MARK_TEXT, MARK_GROUND = "black", "yellow"
-"""Colours of a mark in a thumbnail and of its background."""
 PRESENT_LINE, WANTED_LINE = "rgb(230,126,34)", "rgb(52,172,224)"
 """Outlines of a pose on a terminal: as it is, and as it is wanted."""

@@ -16,7 +16,6 @@ UPRIGHT = 200
 MARGIN = 0.2
 """Above and below a curve, as a fraction of its height."""
 WIDTH, HEIGHT = 64, 11
-"""Size of the plot in characters."""
 
 
 def drawn(diagram: Diagram, width: int, height: int, ascii: bool) -> list[str]:
@@ -48,16 +47,11 @@ def trend(places: Sequence[float], scores: Sequence[float], label: str, best: fl
 def diagram_lines(diagram: Diagram, *, ascii: bool) -> list[str]:
     """Plot or drawing, sentence and table."""
     sentence = textwrap.wrap(diagram.say, width=96)
+    widths = [max(len(entry) for entry in column) for column in zip(*diagram.rows, strict=True)]
     return [
         *(diagram.drawing.splitlines() or drawn(diagram, WIDTH, HEIGHT, ascii)),
         "",
         *sentence,
         *([""] if diagram.rows else []),
-        *_table(diagram.rows),
+        *["  ".join(f"{entry:>{width}}" for entry, width in zip(row, widths, strict=True)) for row in diagram.rows],
     ]
-
-
-def _table(rows: Sequence[Sequence[str]]) -> list[str]:
-    """The rows, right-aligned in columns."""
-    widths = [max(len(entry) for entry in column) for column in zip(*rows, strict=True)]
-    return ["  ".join(f"{entry:>{width}}" for entry, width in zip(row, widths, strict=True)) for row in rows]

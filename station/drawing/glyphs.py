@@ -27,7 +27,6 @@ class Glyphs:
 
 
 SPELT = str.maketrans({"±": "+-", "°": " deg", "→": ">", "←": "<", "↓": "v", "↑": "^"})
-"""Signs in ASCII."""
 UNICODE = Glyphs(False, done="✓", now="▶", todo="·", good="✓", bad="✗", full="█", empty="░", plus_minus="±")
 ASCII = Glyphs(True, done="x", now=">", todo=".", good="ok", bad="!!", full="#", empty="-", plus_minus="+-")
 
@@ -38,8 +37,6 @@ def glyphs_for(environ: Mapping[str, str], encoding: str) -> Glyphs:
     unicode = encoding.lower().replace("-", "").startswith("utf")
     return ASCII if "NO_COLOR" in environ or limited or not unicode else UNICODE
 
-
-# --- numbers legible from a distance, in letters of 3 x 5 points -----------------------------------------------------
 
 GLYPHS = {
     "0": "### #.# #.# #.# ###", "1": ".#. ##. .#. .#. ###", "2": "### ..# ### #.. ###", "3": "### ..# ### ..# ###",

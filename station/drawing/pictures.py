@@ -85,8 +85,6 @@ def described_tiff(tiff: bytes, description: str) -> bytes:
     return body[:4] + struct.pack("<I", len(body)) + body[8:] + directory
 
 
-# --- Levels of a PSF in false colours, with axes in pixels and a colour bar ---
-
 _SIDE = 480  # side of the PSF in picture pixels; at least one per sample
 _LEFT, _TOP, _BOTTOM, _RIGHT = 64, 40, 56, 130
 _INK = (60, 60, 60)
@@ -111,7 +109,6 @@ def psf_picture(psf: Psf, title: str) -> bytes:
 
 
 def _draw_axes(picture: Levels, psf: Psf, zoom: int) -> None:
-    """Ticks at whole pixels along the bottom and the left."""
     import cv2
 
     side = zoom * psf.k
@@ -127,7 +124,6 @@ def _draw_axes(picture: Levels, psf: Psf, zoom: int) -> None:
 
 
 def _draw_bar(picture: Levels, side: int, low: float, high: float) -> None:
-    """The colour bar, its ends and its zero."""
     import cv2
 
     left = picture.shape[1] - _RIGHT + 20

@@ -38,24 +38,20 @@ BAR_RIGHT = (1.03, 0.05, 0.04, 0.9)
 """Place of a colour bar beside a picture, in fractions of the axes."""
 
 
-def plot_axes(
-    width_in: float = 3.2, height_in: float = 2.5, rim_in: Sequence[float] = (0.55, 0.14, 0.4, 0.08)
-) -> Axes:  # fmt: skip
+def plot_axes(width_in: float = 3.2, height_in: float = 2.5, rim_in: Sequence[float] = (0.55, 0.14, 0.4, 0.08)) -> Axes:
     """The axes of a new figure; `rim_in` is the room for labels at the left, right, bottom and top."""
     _, ((axes,),) = axes_grid(width_in, height_in, rim_in=rim_in)
     return axes  # type: ignore[no-any-return]
 
 
-def frame_axes(
-    width_in: float, shape: tuple[int, int], rim_in: Sequence[float] = (0.08, 0.08, 0.42, 0.08), *, margin: float = 0.01
-) -> Axes:
+def frame_axes(width_in: float, shape: tuple[int, int], rim_in: Sequence[float] = (0.08, 0.08, 0.42, 0.08)) -> Axes:
     """Axes over a frame of (rows, columns) pixels, with its outline and without ticks, y downwards."""
     rows, columns = shape
     left, right, bottom, top = rim_in
     height = (width_in - left - right) * min(rows / columns, 1.5) + bottom + top
     axes = plot_axes(width_in, height, rim_in)
     axes.add_patch(Rectangle((-0.5, -0.5), columns, rows, fill=False, ec=FAINT, lw=0.8))
-    x, y = margin * columns, margin * rows
+    x, y = 0.01 * columns, 0.01 * rows
     bare(axes, xlim=(-x, columns + x), ylim=(rows + y, -y), aspect="equal")
     return axes
 
@@ -132,12 +128,9 @@ def drawn(figure: Any, name: str, caption: str) -> Figure:
     return Figure(svg(figure, name, caption.replace("`", "")), caption)
 
 
-# --- Picture of measured edges: position, edge spread function, MTF with a 95 % band ---
-
 SHOWN = 6
 """Edges drawn; record and table contain all."""
 ROW_IN = 2.9
-"""Height of a row, in inches."""
 
 
 def edge_picture(plane: Plane, edges: Sequence[EdgeOutcome], unit: str = "cycles/pixel", factor: float = 1.0) -> bytes:
@@ -173,10 +166,7 @@ def _spread(axes: Any, edge: EdgeMtf) -> None:
 
 
 def _transfer(axes: Any, edge: EdgeMtf, unit: str, factor: float) -> None:
-    f = edge.frequencies * factor
-    band = CONFIDENT * edge.uncertainty
-    axes.fill_between(f, edge.mtf - band, edge.mtf + band, color=INK, alpha=0.25, lw=0)
-    axes.plot(f, edge.mtf, color=INK, lw=1.2)
+    curve(axes, edge.frequencies * factor, edge.mtf, edge.uncertainty, width=1.2)
     axes.axvline(0.5 * factor, color=FAINT, lw=0.7)
     axes.set(xlim=(0, factor), ylim=(0, 1.05), xlabel=unit)
     if EDGE_MTF50 in edge.numbers:

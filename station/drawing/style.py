@@ -1,7 +1,5 @@
-"""Common parts of figures: style, axes with fixed margins, and SVG for embedding in a page.
-
-The output is reproducible byte by byte.
-"""
+"""Common parts of figures: style, axes with fixed margins, and SVG for embedding in a page. The output is reproducible
+byte by byte."""
 
 import base64
 import io
@@ -51,7 +49,11 @@ def svg(figure: Figure, name: str, description: str) -> Markup:
     drawn = re.sub(r'(url\(#|href="#)', rf"\g<1>{name}-", drawn)
     drawn = re.sub(r'(?<= d=")[^"]+', lambda m: re.sub(r"(\.\d\d)\d+", r"\1", m[0]), drawn)
     drawn = re.sub(r' (?:width|height)="[\d.]+pt"', "", drawn, count=2)
-    drawn = re.sub(r"(?<=data:image/png;base64,)[^\"]+", lambda m: _smaller(m[0]), drawn)
+    drawn = re.sub(
+        r"(?<=data:image/png;base64,)[^\"]+",
+        lambda m: base64.b64encode(smaller(base64.b64decode(m[0]))).decode(),
+        drawn,
+    )
     drawn = re.sub(r' xmlns(?::xlink)?="[^"]*"', "", drawn).replace("xlink:href", "href")
     return Markup(drawn.replace("<svg", f'<svg role="img" aria-label="{escape(description)}"', 1))
 
@@ -73,10 +75,6 @@ def _write_powers_plainly(figure: Figure) -> None:
             if isinstance(axis.get_major_formatter(), LogFormatterSciNotation):
                 axis.set_major_formatter(Powers())
                 axis.set_minor_formatter(Powers())
-
-
-def _smaller(encoded: str) -> str:
-    return base64.b64encode(smaller(base64.b64decode(encoded))).decode()
 
 
 def axes_grid(
@@ -105,8 +103,6 @@ def few_ticks(low: float, high: float) -> list[float]:
     return [float(tick) for tick in MaxNLocator(4).tick_values(low, high) if low <= tick <= high] or [low]
 
 
-# --- PNGs with a palette: a picture in false colours has at most 256 and then takes a third of the space ---
-
 COLOURS = 256
 
 
@@ -125,7 +121,6 @@ def smaller(png: bytes) -> bytes:
     return min(encoded.getvalue(), png, key=len)
 
 
-# --- Text on hover for figures of a page: strips of an axes with titles, without scripts ---
 # `style.svg` gives each strip a <title> element, which browsers show and screen readers read.
 
 MAX_STRIPS = 40

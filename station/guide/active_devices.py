@@ -104,7 +104,6 @@ class ActiveDevices:
         self.bench.motions.home(name, self._not_stopped)
 
     def _move(self, name: str, stage: Any, places: Mapping[str, float]) -> None:
-        """Move a stage to those of the positions that are on its axes."""
         assert self.bench is not None
         targets = {axis: places[axis] for axis in stage.travel() if axis in places}
         if targets:
@@ -120,8 +119,6 @@ class ActiveDevices:
     def has_camera(self) -> bool:
         """Whether the bench has a camera."""
         return self._device("camera") is not None
-
-    # --- shaking
 
     def abilities(self) -> dict[str, Fact]:
         """Equipment of the bench on which questions depend, as facts."""
@@ -148,8 +145,6 @@ class ActiveDevices:
         """Stop the shaker. Raises DeviceError."""
         with self._using("shaker") as shaker:
             shaker.stop()
-
-    # --- connecting and recovery
 
     def unconnected(self) -> list[str]:
         """Devices that are not connected; a stage that has not homed is not among them."""
@@ -194,8 +189,6 @@ class ActiveDevices:
         caveats = {name: self._device(name).condition().caveat for name in self.movers()}
         return {name: caveat for name, caveat in caveats.items() if caveat is not None}
 
-    # --- moving
-
     def home(self) -> None:
         """Home every stage. Raises DeviceError."""
         for name in self.movers():
@@ -205,7 +198,6 @@ class ActiveDevices:
         self.places = self.positions()
 
     def _travels(self) -> dict[str, tuple[str, Travel]]:
-        """Stage and travel of each axis."""
         return {axis: (name, travel) for name in self.movers() for axis, travel in self._device(name).travel().items()}
 
     def travels(self, names: Sequence[str]) -> dict[str, Travel]:
@@ -258,8 +250,6 @@ class ActiveDevices:
             with self._using(name) as stage:
                 self._move(name, stage, places)
 
-    # --- light, laser, camera
-
     @property
     def has_light(self) -> bool:
         """Whether the bench has a lamp."""
@@ -297,8 +287,6 @@ class ActiveDevices:
         with self._using("camera") as camera:
             exposure: ExposedFile = camera.expose()
             return exposure
-
-    # --- state
 
     def snapshot(self) -> Snapshot:
         """State of every device; one that fails is recorded as silent and skipped until `recover`."""

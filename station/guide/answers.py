@@ -15,44 +15,31 @@ def parse(ask: Ask, text: str) -> Fact:
         return ask.default
     match ask.kind:
         case "confirm":
-            return _confirm(text)
+            if not text or text.lower() in YES:
+                return True
+            if text.lower() in NO:
+                return False
+            raise ValueError("Press Enter when done; n if it cannot be done; s to stop.")
         case "number":
-            return _number(ask, text)
+            try:
+                value = float(text.replace(",", ".").removesuffix(ask.unit).strip())
+            except ValueError as error:
+                raise ValueError(f"Type a number{f' in {ask.unit}' if ask.unit else ''}.") from error
+            low, high = -math.inf if ask.low is None else ask.low, math.inf if ask.high is None else ask.high
+            if not low <= value <= high:
+                raise ValueError(f"It must lie between {plain(low)} and {plain(high)} {ask.unit}.".replace(" .", "."))
+            return value
         case "choice":
-            return _choice(ask, text)
+            if text.isdigit() and 1 <= int(text) <= len(ask.choices):
+                return ask.choices[int(text) - 1]
+            matches = [choice for choice in ask.choices if text and choice.lower().startswith(text.lower())]
+            if len(matches) != 1:
+                raise ValueError(f"Type one of: {', '.join(ask.choices)}.")
+            return matches[0]
         case "text":
             if not text:
                 raise ValueError("Type some text.")
             return text
-
-
-def _confirm(text: str) -> bool:
-    if not text or text.lower() in YES:
-        return True
-    if text.lower() in NO:
-        return False
-    raise ValueError("Press Enter when done; n if it cannot be done; s to stop.")
-
-
-def _number(ask: Ask, text: str) -> float:
-    try:
-        value = float(text.replace(",", ".").removesuffix(ask.unit).strip())
-    except ValueError as error:
-        raise ValueError(f"Type a number{f' in {ask.unit}' if ask.unit else ''}.") from error
-    low, high = -math.inf if ask.low is None else ask.low, math.inf if ask.high is None else ask.high
-    if not low <= value <= high:
-        raise ValueError(f"It must lie between {plain(low)} and {plain(high)} {ask.unit}.".replace(" .", "."))
-    return value
-
-
-def _choice(ask: Ask, text: str) -> str:
-    """A choice given by its number, its name, or the beginning of its name."""
-    if text.isdigit() and 1 <= int(text) <= len(ask.choices):
-        return ask.choices[int(text) - 1]
-    matches = [choice for choice in ask.choices if text and choice.lower().startswith(text.lower())]
-    if len(matches) != 1:
-        raise ValueError(f"Type one of: {', '.join(ask.choices)}.")
-    return matches[0]
 
 
 def words(fact: Fact | None, unit: str = "") -> str:

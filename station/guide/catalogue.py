@@ -1,7 +1,5 @@
-"""The guided procedures by name, with functions for their plans, results and files.
-
-The functions are imported at their first call, so that the table itself is cheap.
-"""
+"""The guided procedures by name, with functions for their plans, results and files. The functions are imported at their
+first call, so that the table itself is cheap."""
 
 from __future__ import annotations
 
@@ -69,7 +67,6 @@ class GuidedProcedure:
 
 
 def _imported(module: str, name: str) -> Callable[..., Any]:
-    """A function of a module that is imported at the first call."""
     return lambda *given: getattr(import_module(module), name)(*given)
 
 
@@ -84,7 +81,6 @@ def _guided(title: str, name: str, procedure: str = "", *, in_session: bool = Fa
 
 
 def _general(title: str, name: str) -> GuidedProcedure:
-    """A procedure with the general plan."""
     entry = _guided(title, "general", name, in_session=True)
     return replace(entry, plan=partial(entry.plan, name), general=True)
 

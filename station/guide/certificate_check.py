@@ -2,9 +2,8 @@
 
 import hashlib
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 from procedures.outcome import BadInput, ProcedureError
 from station.common.durable_files import holds, read_own
@@ -14,7 +13,7 @@ from station.common.signature import ProofCheck, check_signature
 from station.guide.recompute import recompute
 from station.procedure.schema import procedure_named
 from station.reports.certificate import record_digest
-from station.reports.certificate_signature import SIGNATURE, STATEMENT, read_statement
+from station.reports.certificate_details import SIGNATURE, STATEMENT, read_statement
 from station.results.measurement import Measurement
 from station.results.reader import changes, read_record, read_result
 from station.results.result_files import damage
@@ -28,15 +27,21 @@ SAME_SIGMAS = 0.01
 DERIVED = "derived"
 
 
-def check_certificate(
-    path: Path, originals: Path | None = None, signer: Path | None = None
-) -> Iterator[ProofCheck]:  # fmt: skip
+def check_certificate(path: Path, originals: Path | None = None, signer: Path | None = None) -> Iterator[ProofCheck]:
     """The checks of certificate.html or .pdf, each as it is done. Raises BadInput if it is no such file with a digest.
 
     originals : photographs' folder, if they moved
     signer : file with the key of the expected signer, or folder of `.pub` files with those of several
     """
-    digest = _stated_digest(path)
+    try:
+        match = STATED.search(read_own(path))
+    except OSError as error:
+        raise BadInput(f"{printable(path)} cannot be read: {error.strerror}", "name a certificate") from error
+    if match is None:
+        raise BadInput(
+            f"{printable(path)} states no digest of a record", "name certificate.html or certificate.pdf of a result"
+        )
+    digest = match[1].decode()
     yield _signature_check(path, digest, signer)
     folder = _result_of(path.parent, digest)
     if folder is None:
@@ -53,20 +58,7 @@ def check_certificate(
         yield from _result_checks(read_result(folder), originals)
 
 
-def _stated_digest(path: Path) -> str:
-    try:
-        match = STATED.search(read_own(path))
-    except OSError as error:
-        raise BadInput(f"{printable(path)} cannot be read: {error.strerror}", "name a certificate") from error
-    if match is None:
-        raise BadInput(
-            f"{printable(path)} states no digest of a record", "name certificate.html or certificate.pdf of a result"
-        )
-    return match[1].decode()
-
-
 def _signature_check(path: Path, digest: str, signer: Path | None) -> ProofCheck:
-    """Whether the file is as it was signed, and by whom."""
     try:
         statement, signature = (read_own(path.with_name(name)) for name in (STATEMENT, SIGNATURE))
     except OSError:
@@ -79,7 +71,6 @@ def _signature_check(path: Path, digest: str, signer: Path | None) -> ProofCheck
 
 
 def _result_of(folder: Path, digest: str) -> Path | None:
-    """The folder of the record with the digest: this one, or that of a result of the session in it."""
     for one in (folder, *sorted(folder.glob(f"{DERIVED}/*"))):
         try:
             if record_digest(read_record(one)) == digest:
@@ -90,7 +81,6 @@ def _result_of(folder: Path, digest: str) -> Path | None:
 
 
 def _session_checks(folder: Path) -> Iterator[ProofCheck]:
-    """A session keeps its photographs, and its journal the hashes of everything."""
     session, results = folder.parents[1], sorted(folder.parent.iterdir(), key=lambda one: (len(one.name), one.name))
     try:
         (again,) = recompute(session, (results.index(folder) + 1,))
@@ -104,7 +94,11 @@ def _session_checks(folder: Path) -> Iterator[ProofCheck]:
 
 def _result_checks(measurement: Measurement, originals: Path | None) -> Iterator[ProofCheck]:
     head = measurement.head
-    places = {one.path: _original(Path(one.path), one.sha256, originals) for one in head.input}
+    places = dict[str, Path | None]()
+    for file in head.input:
+        path = Path(file.path)
+        beside = sorted(originals.rglob(path.name)) if originals is not None else []
+        places[file.path] = next((one for one in (*beside, path) if holds(one, file.sha256)), None)
     missing = [printable(name) for name, place in places.items() if place is None]
     words = f"changed or missing: {', '.join(missing)}" if missing else f"{len(places)} of {len(places)} unchanged"
     yield ProofCheck("originals", not missing, words)
@@ -116,7 +110,11 @@ def _result_checks(measurement: Measurement, originals: Path | None) -> Iterator
     moved = {Path(name).resolve(): place for name, place in places.items() if place is not None}
     arguments = [moved.get(Path(argument).resolve(), originals or Path(argument)) for argument in head.arguments]
     try:
-        fresh = _again(head.procedure, arguments, head.settings, head.parameters)
+        procedure = procedure_named(head.procedure)
+        model = read_model(procedure.Settings, head.settings, TableSource())
+        fresh = next(
+            iter(procedure.measurements(arguments, model, Terms(Unit(head.parameters.get("unit", Unit.CYCLES)))))
+        )
     except ProcedureError as error:
         yield ProofCheck("numbers", False, f"they cannot be computed again: {error}")
         return
@@ -131,23 +129,7 @@ def _result_checks(measurement: Measurement, originals: Path | None) -> Iterator
     yield _number_check(len(differences), differences, [*verdicts, *lost])
 
 
-def _original(path: Path, digest: str, originals: Path | None) -> Path | None:
-    """Where an original is with its hash; None if nowhere."""
-    beside = sorted(originals.rglob(path.name)) if originals is not None else []
-    return next((one for one in (*beside, path) if holds(one, digest)), None)
-
-
-def _again(
-    name: str, arguments: Sequence[Path], settings: Mapping[str, Any], parameters: Mapping[str, Any]
-) -> Measurement:
-    """The measurement computed again."""
-    procedure = procedure_named(name)
-    model = read_model(procedure.Settings, settings, TableSource())
-    return next(iter(procedure.measurements(arguments, model, Terms(Unit(parameters.get("unit", Unit.CYCLES))))))
-
-
 def _number_check(count: int, differences: Sequence[tuple[str, float]], verdicts: Sequence[str]) -> ProofCheck:
-    """The check of numbers that differ by fractions of their uncertainties, and of planes with another verdict."""
     moved = sorted((difference for difference in differences if difference[1] > SAME_SIGMAS), key=lambda one: -one[1])
     if not moved and not verdicts:
         return ProofCheck("numbers", True, f"{count} of {count} computed again and equal")

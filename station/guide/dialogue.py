@@ -24,14 +24,12 @@ HAND = "hand_"
 """Prefix of a fact's name: the sum of all manual changes of that name requested so far."""
 
 MAX_INVALID_ANSWERS = 12
-"""Consecutive invalid answers after which the run ends."""
 
 POLL_S = 0.05
 PARTS = 3
 """Parts in which the operator model makes a manual change while somebody watches."""
 
 FILE_SEPARATOR = ";"
-"""Separates the parts of an answer that names files."""
 
 
 class Skipped(Exception):
@@ -49,8 +47,6 @@ class Conversation:
         """Dataclass of the plan's facts, which declares what each is derived from."""
         self.stopping = threading.Event()
         self.emergency = threading.Event()
-
-    # --- events and questions
 
     def notify(self, event: Event) -> None:
         """Pass an event to the operator."""
@@ -98,7 +94,6 @@ class Conversation:
         raise Stopped
 
     def _with_copies(self, ask: Ask, answer: Fact) -> Fact:
-        """The answer with the files that it names replaced by the session's copies."""
         parts = [part.strip() for part in answer.split(FILE_SEPARATOR)] if isinstance(answer, str) else []
         if not any(map(ask.names_file, parts)):
             return answer
@@ -160,9 +155,7 @@ class Conversation:
     @contextmanager
     def meanwhile(self, work: Coach | None) -> Iterator[None]:
         """Run `work(ended)` in a thread while a question is open; where it gives True, the question is confirmed.
-
-        Without a watched front end nothing runs.
-        """
+        Without a watched front end nothing runs."""
         if work is None or not self.watched:
             yield
             return
@@ -217,8 +210,6 @@ class Conversation:
         """The operator model restores the room to the state in which an earlier run left it."""
         if self._hands is not None:
             self._hands.take_up(self.facts)
-
-    # --- problems
 
     def attempt(
         self, work: Callable[[], T], recover: Callable[[Exception], None] = lambda error: None, *, always: bool = False

@@ -9,10 +9,10 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
 from drivers.errors import DeviceError, EmergencyStopped
-from drivers.interfaces import ExposedFile, ImuBlock, ShakePath
+from drivers.interfaces import ExposedFile, ImuBlock
 from procedures.plan import Facts, Shake
 from procedures.raw import RawFrame, read_frame
-from station.guide.active_devices import ActiveDevices, Snapshot
+from station.guide.active_devices import ActiveDevices
 from station.guide.coach import preview_of
 from station.guide.dialogue import Conversation, Skipped
 from station.guide.frontend import ProblemEvent, Stopped
@@ -76,7 +76,9 @@ class PhotographRecorder:
     def read(self, shot: SessionShot) -> RecordedPhotograph:
         """A stored photograph. Raises Skipped, Stopped."""
         frame = self.talk.attempt(lambda: read_frame(self.session.original(shot)))
-        return RecordedPhotograph(shot, frame, {**self.talk.facts, **shot_facts(shot)})
+        axes = {f"at_{name}": float(value) for name, value in shot.snapshot.get("axes", {}).items()}
+        others = {name: value for name, value in shot.snapshot.items() if isinstance(value, int | float)}
+        return RecordedPhotograph(shot, frame, {**self.talk.facts, **axes, **others})
 
     def preview(self) -> tuple[RawFrame, Facts]:
         """A frame for the coach, which is not kept, and the facts at its time. Raises DeviceError, BadInput."""
@@ -84,7 +86,6 @@ class PhotographRecorder:
         return preview_of(self.rig.expose()), facts
 
     def _settled(self) -> VibrationLevel | None:
-        """Wait until the rig has settled; without the IMU if it fails."""
         self.talk.doing("waiting until the rig is still")
         try:
             return self.settling.wait()
@@ -109,7 +110,7 @@ class PhotographRecorder:
                 self.talk.notify(
                     ProblemEvent(f"the {name} does not answer: {snapshot.silent[name]}", "check it; the run continues")
                 )
-            moment.update(record(snapshot, vibration))
+            moment.update(snapshot.record(), **({} if vibration is None else vibration._asdict()))
             self.talk.doing("exposing")
             self.rig.announce(number)
             if not moving:
@@ -134,7 +135,6 @@ class PhotographRecorder:
                 self.talk.notify(ProblemEvent(caveat.reason, caveat.remedy))
 
     def _expose_moving(self, shake: Shake | None) -> tuple[ExposedFile, dict[str, Any]]:
-        """One photograph while the rig moves, and the record of the motion."""
         path = None if shake is None else self.rig.start_shaking(shake)
         if path is None:
             exposure, block = self._expose_with_imu()
@@ -142,25 +142,20 @@ class PhotographRecorder:
         try:
             self._clock.sleep(TRANSIENT_S)
             exposure, block = self._expose_with_imu()
-            return exposure, {**motion_record(exposure, block), **self._path_record(path)}
+            record = dict[str, Any]()
+            with self._after_exposure("the motion is not known; "):
+                record["shake"] = {"began_s": self.rig.shaking_since_s(), **asdict(path)}
+            return exposure, {**motion_record(exposure, block), **record}
         finally:
             with self._after_exposure():
                 self.rig.stop_shaking()
 
     @contextmanager
     def _after_exposure(self, consequence: str = "") -> Iterator[None]:
-        """Report device errors: the photograph was taken and must be stored."""
         try:
             yield
         except DeviceError as error:
             self.talk.notify(ProblemEvent(error.reason, f"{consequence}{error.remedy}"))
-
-    def _path_record(self, path: ShakePath) -> dict[str, Any]:
-        """The path as stored in the session; empty if the shaker has stopped meanwhile."""
-        record = dict[str, Any]()
-        with self._after_exposure("the motion is not known; "):
-            record["shake"] = {"began_s": self.rig.shaking_since_s(), **asdict(path)}
-        return record
 
     def _expose_with_imu(self) -> tuple[ExposedFile, ImuBlock | None]:
         """One photograph and the IMU's samples; None where there is no IMU, or it fails."""
@@ -199,18 +194,3 @@ def motion_record(exposure: ExposedFile, block: ImuBlock | None) -> dict[str, An
             **({} if block.clock is None else {"clock": asdict(block.clock)}),
         }
     }
-
-
-def record(snapshot: Snapshot, vibration: VibrationLevel | None) -> dict[str, Any]:
-    """The state at an exposure as stored in the session."""
-    state = snapshot.record()
-    if vibration is not None:
-        state |= vibration._asdict()
-    return state
-
-
-def shot_facts(shot: SessionShot) -> Facts:
-    """The facts at the time of a photograph, from its entry in the session."""
-    axes = {f"at_{name}": float(value) for name, value in shot.snapshot.get("axes", {}).items()}
-    others = {name: value for name, value in shot.snapshot.items() if isinstance(value, int | float)}
-    return {**axes, **others}

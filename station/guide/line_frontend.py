@@ -12,25 +12,8 @@ from procedures.numbers import MTF50_HORIZONTAL, MTF50_VERTICAL
 from procedures.plan import Advice, Ask, Fact, Reading
 from station.common.sanitise import stated
 from station.drawing.diagrams import diagram_lines
+from station.guide import frontend
 from station.guide.answers import parse, words
-from station.guide.frontend import (
-    BY_HAND,
-    CONSENTS,
-    NOT_NOW,
-    DiagramEvent,
-    Event,
-    FrameEvent,
-    GoalEvent,
-    ProblemEvent,
-    ProgressEvent,
-    Result,
-    RunBegan,
-    RunEnded,
-    ScanEvent,
-    StepBegan,
-    StepEnded,
-    Stopped,
-)
 from station.results.comparison import measurement_words, specification_words
 from station.results.plane_result import line_numbers
 
@@ -38,7 +21,6 @@ if TYPE_CHECKING:
     from station.results.plane_result import PlaneResult
 
 DIGITS = {"°": 1, "%": 0, "m": 2, "mm": 0, "": 2}
-"""Decimals of displayed numbers, by unit."""
 STOPS = ("s", "stop", "q", "quit")
 HELP = "Enter accepts the value in [brackets]. s stops the run. Ctrl-C stops every device at once."
 STOPPING = "!! Stop sent to every device."
@@ -63,15 +45,12 @@ class LineOperator:
         """Whether it waits for a line; an interruption then ends the run at once."""
 
     def _line(self, text: str) -> None:
-        """Write a line; repeated lines are written once."""
         if text != self._last_line:
             self._last_line = text
             self._write.write(text + "\n")
             self._write.flush()
 
-    # --- events
-
-    def notify(self, event: Event) -> None:
+    def notify(self, event: frontend.Event) -> None:
         """Write the event; a closed pipe is ignored."""
         try:
             self._write_event(event)
@@ -83,7 +62,7 @@ class LineOperator:
         raise TypeError(f"no such event: {event!r}")
 
     @_write_event.register
-    def _(self, event: RunBegan) -> None:
+    def _(self, event: frontend.RunBegan) -> None:
         self._line(event.plan.title)
         self._line(f"Session: {event.session}")
         if event.done:
@@ -91,18 +70,18 @@ class LineOperator:
         self._line(HELP)
 
     @_write_event.register
-    def _(self, event: StepBegan) -> None:
+    def _(self, event: frontend.StepBegan) -> None:
         self._reported.clear()
         self._line("")
         self._line(f"== {event.step.title}")
         self._line(event.step.instruction)
 
     @_write_event.register
-    def _(self, event: StepEnded) -> None:
+    def _(self, event: frontend.StepEnded) -> None:
         self._line(f"-- {event.step.title}: {event.gave or 'done'}")
 
     @_write_event.register
-    def _(self, event: ProgressEvent) -> None:
+    def _(self, event: frontend.ProgressEvent) -> None:
         count = f" ({event.done} of {event.total})" if event.total else ""
         left = f", {event.left_s:.0f} s left" if event.left_s is not None else ""
         line = f"   {event.say}{count}{left}"
@@ -111,31 +90,34 @@ class LineOperator:
             self._line(line)
 
     @_write_event.register
-    def _(self, event: FrameEvent) -> None:
+    def _(self, event: frontend.FrameEvent) -> None:
         self._last_advice = event.advice.say
         for line in seen_lines(event.advice) if event.advice.say else ():
             self._line(line)
 
     @_write_event.register
-    def _(self, event: GoalEvent) -> None:
+    def _(self, event: frontend.GoalEvent) -> None:
         self._line(f"   {event.goal.say}")
 
     @_write_event.register
-    def _(self, event: ScanEvent) -> None:
-        self._line(f"   {curve_line(event)}")
+    def _(self, event: frontend.ScanEvent) -> None:
+        score = event.scores[-1]
+        known = score == score
+        value, bar = (f"{score:.3f}", "#" * round(40 * min(max(score, 0.0), 1.0))) if known else ("unknown", "")
+        self._line(f"   {event.axis.replace('_', ' ')} {event.places[-1]:8.2f}: {value:>6} {bar}")
 
     @_write_event.register
-    def _(self, event: DiagramEvent) -> None:
+    def _(self, event: frontend.DiagramEvent) -> None:
         for line in diagram_lines(event.diagram, ascii=True):
             self._line(f"   {line}".rstrip())
 
     @_write_event.register
-    def _(self, event: ProblemEvent) -> None:
+    def _(self, event: frontend.ProblemEvent) -> None:
         self._line(f"!! {event.reason}")
         self._line(f"   What to do: {event.remedy}.")
 
     @_write_event.register
-    def _(self, event: Result) -> None:
+    def _(self, event: frontend.Result) -> None:
         self._line(f"   Measurement: {measurement_words(event.verdict)}.")
         for plane in event.planes.values():
             self._line(f"   {plane_words(plane)}")
@@ -154,7 +136,7 @@ class LineOperator:
         self._line(f"   Files: {event.folder}")
 
     @_write_event.register
-    def _(self, event: RunEnded) -> None:
+    def _(self, event: frontend.RunEnded) -> None:
         self._line("")
         self._line(NOTHING if event.empty else ENDS[event.how])
         if event.report is not None:
@@ -168,23 +150,23 @@ class LineOperator:
             self._write.write("\n" + STOPPING + "\n")
             self._write.flush()
 
-    # --- questions
-
     def answer(self, ask: Ask) -> Fact:
         """The answer from the next lines of stdin. Raises Stopped at the end of input, or when the operator stops."""
+        question = ask.question
+        if self._last_advice and question.startswith(self._last_advice):
+            question = "Do that." + question.removeprefix(self._last_advice)
         while True:
             self._last_line = ""
-            line = self._answer_line(question_line(self._shortened(ask)))
+            line = self._answer_line(question_line(replace(ask, question=question)))
             if not line or line.strip().lower() in STOPS:
                 self._line("" if line else "(end of input)")
-                raise Stopped
+                raise frontend.Stopped
             try:
                 return parse(ask, line)
             except ValueError as error:
                 self._line(f"   {error}")
 
     def _answer_line(self, question: str) -> str:
-        """The next line of stdin, "" at its end."""
         self.asking = True
         try:
             with suppress(OSError):
@@ -197,21 +179,17 @@ class LineOperator:
             self._write.write(line.rstrip("\n") + "\n")
         return line
 
-    def _shortened(self, ask: Ask) -> Ask:
-        """The question without what was just advised in the same words."""
-        if self._last_advice and ask.question.startswith(self._last_advice):
-            return replace(ask, question=("Do that." + ask.question.removeprefix(self._last_advice)))
-        return ask
-
 
 def question_line(ask: Ask) -> str:
     """The question with its choices and default, ready for the answer on the same line."""
-    if consent := CONSENTS.get(ask.key):
-        keys = f"Enter: {consent.start}; n: {NOT_NOW}; Ctrl-C: stop every device"
+    if consent := frontend.CONSENTS.get(ask.key):
+        keys = f"Enter: {consent.start}; n: {frontend.NOT_NOW}; Ctrl-C: stop every device"
         return f">> {ask.question} {consent.check} [{keys}] "
     choices = f" ({', '.join(f'{i} {choice}' for i, choice in enumerate(ask.choices, 1))})" if ask.choices else ""
     if ask.kind == "confirm":
-        return f">> {ask.question} [Enter when done{f'; n: {NOT_NOW}' if ask.key == BY_HAND else ''}] "
+        return (
+            f">> {ask.question} [Enter when done{f'; n: {frontend.NOT_NOW}' if ask.key == frontend.BY_HAND else ''}] "
+        )
     unit = f" in {ask.unit}" if ask.unit and ask.default is None else ""
     default = f" [{words(ask.default, ask.unit)}]" if ask.default not in (None, "") else ""
     return f">> {ask.question}{unit}{choices}{default} "
@@ -251,11 +229,3 @@ def with_unit(value: float, unit: str) -> str:
     """A number with its unit, rounded as the unit requires: 2.6°, 72 %, 1.55 m."""
     digits = f"{value:z.{DIGITS[unit]}f}" if unit in DIGITS else f"{value:.3g}"
     return digits + unit if unit == "°" else f"{digits} {unit}".strip()
-
-
-def curve_line(event: ScanEvent) -> str:
-    """The last position of a scan, its score, and a bar of that length."""
-    score = event.scores[-1]
-    value = f"{score:.3f}" if score == score else "unknown"
-    bar = "#" * round(40 * min(max(score, 0.0), 1.0)) if score == score else ""
-    return f"{event.axis.replace('_', ' ')} {event.places[-1]:8.2f}: {value:>6} {bar}"

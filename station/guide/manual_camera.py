@@ -33,7 +33,6 @@ class HandCamera:
         self._known = photographs_in(self.folder)
 
     def _correct_folder(self) -> None:
-        """No file came: ask for the folder again."""
         before, known = self.folder, self._known
         self._arrive_in(replace(FOLDER, default=str(before)))
         if self.folder == before:

@@ -2,29 +2,99 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 from procedures.advice import time_words
 from procedures.outcome import Verdict
-from procedures.plan import Advice, Ask, Fact, Facts, Go, Goal, Known, Look, Outcomes, Scan, Shoot, Tour, TourStop
+from procedures.plan import (
+    INSISTED,
+    Advice,
+    Ask,
+    Fact,
+    Facts,
+    Go,
+    Goal,
+    Known,
+    Look,
+    Outcomes,
+    Scan,
+    Shoot,
+    Tour,
+    TourStop,
+)
 from procedures.raw import RawFrame
 from station.bench.axis_text import moves_text
 from station.guide.active_devices import AT
+from station.guide.answers import words
 from station.guide.coach import Ended, until_held
 from station.guide.consent import MoveApproval
-from station.guide.contradictions import LookProgress, resolve
-from station.guide.dialogue import AGAIN, STOP, Coach, Skipped
+from station.guide.dialogue import AGAIN, STOP, Coach, Conversation, Skipped
 from station.guide.exposure import PhotographRecorder, RecordedPhotograph
-from station.guide.frontend import FrameEvent, GoalEvent, ProgressEvent, ScanEvent
+from station.guide.frontend import FrameEvent, GoalEvent, ProblemEvent, ProgressEvent, ScanEvent, Stopped
 from station.guide.manual_camera import HandCamera
 from station.sessions.journal import same_bits
 from station.sessions.session import SessionShot
+
+CORRECT, INSIST = "correct it", "it is right"
+MAX_STALLED = 3
+"""Consecutive moves, or new answers, without improvement."""
+IMPROVEMENT_FACTOR = 0.9
+"""An improvement reduces the deviation from the tolerance to at most this factor times the previous one."""
+REMEDY = "correct the numbers, or confirm them"
+
+
+@dataclass
+class LookProgress:
+    """Convergence of consecutive looks: the deviations of one reading from its tolerance."""
+
+    name: str = ""
+    deviations: list[float] = field(default_factory=list)
+    values: list[float] = field(default_factory=list)
+    doubts: int = 0
+
+    def stalled(self, advice: Advice) -> str:
+        """Why further moves do not help; "" unless three moves have brought a reading no nearer."""
+        bad = next((reading for reading in advice.readings if not reading.good), None)
+        if advice.good or not advice.moves or bad is None:
+            self.deviations.clear()
+            self.values.clear()
+            return ""
+        if bad.name != self.name:
+            self.name, self.deviations, self.values = bad.name, [], []
+        low, high = bad.value if bad.low is None else bad.low, bad.value if bad.high is None else bad.high
+        self.deviations.append(max(low - bad.value, bad.value - high))
+        self.values.append(bad.value)
+        last = self.deviations[-MAX_STALLED - 1 :]
+        if len(last) <= MAX_STALLED or any(now <= IMPROVEMENT_FACTOR * before for before, now in pairwise(last)):
+            return ""
+        values = ", ".join(f"{value:.3g}" for value in self.values[-MAX_STALLED - 1 :])
+        stalled = f"{MAX_STALLED} moves have not brought the {bad.name} nearer to its tolerance"
+        return f"{stalled}: it was {values} {bad.unit}".rstrip() + "."
+
+    def exhausted(self) -> bool:
+        """Count one more contradiction; whether there have been too many."""
+        self.doubts += 1
+        return self.doubts >= MAX_STALLED
+
+
+def resolve(talk: Conversation, asks: Mapping[str, Ask], reason: str, keys: tuple[str, ...], *, last: bool) -> None:
+    """Report a contradiction; the operator corrects or confirms, or, the `last` time, stops. Raises Stopped."""
+    known = tuple(key for key in keys if key in asks)
+    answers = {key: words(talk.facts[key], asks[key].unit) for key in known if key in talk.facts}
+    given = " ".join(f"{asks[key].question} {answer}." for key, answer in answers.items())
+    talk.notify(ProblemEvent(f"{reason} Given: {given}" if given else reason, REMEDY if known else "check the rig"))
+    if last:
+        raise Stopped
+    answer = talk.choose("contradiction", "What now?", (*((CORRECT, INSIST) if known else (GO_ON,)), STOP))
+    for key in known:
+        talk.learn({INSISTED + key: True} if answer == INSIST else {key: talk.ask(asks[key]), INSISTED + key: False})
+
 
 Check = Callable[[RawFrame, Facts], Advice]
 EXPOSURE = "exposure_ev"
 LOOK_AGAIN, GO_ON = "look again", "go on"
 SKIP_PLACE = "skip it"
 PREVIEW = ("G1", "Y")
-"""Planes shown in a preview, in order of preference."""
 
 
 @dataclass(frozen=True)
@@ -59,8 +129,6 @@ class PhotographRequests:
         self._recorder.settling.moved()
         self._talk.learn(self._talk.attempt(self._rig.axis_facts, self._rig.recover))
 
-    # --- look and correct
-
     def look(self, look: Look) -> None:
         """Look and correct until the check passes or the operator accepts. Raises Skipped, Stopped."""
         progress = LookProgress()
@@ -90,7 +158,6 @@ class PhotographRequests:
         self._talk.notify(FrameEvent(frame.planes[name], advice, hold_s))
 
     def _action(self, advice: Advice, frame: RawFrame) -> AdviceAction:
-        """How the advice is carried out: by the bench or the camera's cable where possible, else by hand."""
         if advice.good:
             return AdviceAction(advice)
         exposure_s = frame.exposure.exposure_s
@@ -130,16 +197,14 @@ class PhotographRequests:
                 facts.update(now)
                 return frame
 
-            return until_held(preview, lambda frame: check(frame, facts), self._show, self._held, ended)
+            def held(advice: Advice) -> bool:
+                return advice.good or self._rig.obstacle(self._rig.target(advice.moves)) is None
+
+            return until_held(preview, lambda frame: check(frame, facts), self._show, held, ended)
 
         return coach
 
-    def _held(self, advice: Advice) -> bool:
-        """Whether nothing is left to correct by hand: all is good, or the bench corrects the rest."""
-        return advice.good or self._rig.obstacle(self._rig.target(advice.moves)) is None
-
     def _by_hand(self, advice: Advice, why: str = "", coach: Coach | None = None) -> None:
-        """Ask the operator to do it. Somebody is at the rig then: the next move needs a new approval."""
         self._talk.by_hand(advice, why, coach)
         self._approval.withdraw()
         self._recorder.settling.moved()
@@ -148,8 +213,6 @@ class PhotographRequests:
         self._talk.doing(f"moving {moves_text(places)}: keep clear")
         self._talk.attempt(lambda: self._rig.go_to(places), self._rig.recover)
         self.moved()
-
-    # --- scan an axis
 
     def scan(self, scan: Scan) -> None:
         """A trial frame at each position, then move to the best. Raises Skipped, Stopped."""
@@ -175,13 +238,10 @@ class PhotographRequests:
             self._set(scan, here + advice.moves.get(scan.axis, 0.0), here)
 
     def _set(self, scan: Scan, place: float, here: float) -> None:
-        """Move the axis to a position, by the bench or by hand."""
         if scan.axis in self._rig.axes():
             self._go_to({scan.axis: place})
         elif place != here:
             self._by_hand(Advice(False, scan.say(place - here), by_hand={scan.axis: place - here}))
-
-    # --- shots that count
 
     def shoot(self, shoot: Shoot) -> None:
         """Take shots until there are enough, after checking those of an interrupted run. Raises Stopped."""
@@ -199,7 +259,6 @@ class PhotographRequests:
             self._talk.doing(f"{shoot.most} shots taken; continuing with those that count", lasts=True)
 
     def _earlier(self, purpose: str) -> list[SessionShot]:
-        """The shots of this step and purpose that count, or were not checked before the interruption."""
         shots = self._session.state.shots
         return [s for s in shots if (s.step, s.purpose) == (self.step, purpose) and s.counts is not False]
 
@@ -218,7 +277,6 @@ class PhotographRequests:
             self._talk.notify(GoalEvent(goal))
 
     def _judge(self, shoot: Shoot, taken: RecordedPhotograph, results: list[Outcomes]) -> None:
-        """Decide whether a shot counts, and add its estimate to the results."""
         advice = self._talk.attempt(lambda: shoot.check(taken.frame, taken.facts))
         if advice.good:
             self._talk.notify(ProgressEvent(f"estimating from shot {taken.shot.number}"))
@@ -236,15 +294,12 @@ class PhotographRequests:
             self._carry_out(action, shoot.check)
 
     def _record(self, taken: RecordedPhotograph, advice: Advice) -> AdviceAction:
-        """Record whether the shot counts, show it, and derive how to carry out the advice."""
         if advice.good:
             self._talk.learn_from_photograph(advice.facts)
         self._session.judge(taken.shot, advice.good, "" if advice.good else advice.say)
         action = self._action(advice, taken.frame)
         self._show(taken.frame, action.shown)
         return action
-
-    # --- one shot at each of several places
 
     def tour(self, tour: Tour, go: Callable[[Go], None]) -> None:
         """Take a shot that counts at each place that has none yet; `go` moves there. Raises Stopped."""
@@ -279,13 +334,9 @@ class PhotographRequests:
                     if advice.good:
                         return ""
                     self._carry_out(action, stop.check)
-                if not self._retry_place(stop, tries):
+                question = f"{stop.name}: none of {tries} shots counts. Skip this place, or try again?"
+                if self._talk.choose("place", question, (SKIP_PLACE, AGAIN, STOP)) != AGAIN:
                     return advice.say
         except Skipped:
             self._rig.exclude_lost()
             return "the operator skipped it"
-
-    def _retry_place(self, stop: TourStop, tries: int) -> bool:
-        """Ask the operator whether to retry a place where no shot counts. Raises Stopped."""
-        question = f"{stop.name}: none of {tries} shots counts. Skip this place, or try again?"
-        return self._talk.choose("place", question, (SKIP_PLACE, AGAIN, STOP)) == AGAIN

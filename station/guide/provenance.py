@@ -26,7 +26,6 @@ NAMES = {
     "screw_count": "number of screws", "screw_radius_mm": "screws' radius", "screw_pitch_mm": "screws' pitch",
     "first_screw_deg": "place of the first screw",
 }  # fmt: skip
-"""Names of the inputs on which results depend, by the key of their question."""
 NOTED = {
     "lens_f_number": ("f_number", 0),
     "first_f_number": ("f_number", 0),
@@ -80,7 +79,6 @@ def _source(key: str, value: float, facts: Facts, frames: Sequence[RawFrame]) ->
 
 
 def _by_size(facts: Facts) -> str:
-    """Evidence on lens, sensor and print: a measurement of their product."""
     known = facts_as(PatternFacts, facts)
     measured = measured_scale(known.looks)
     if measured is not None:

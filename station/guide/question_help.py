@@ -7,7 +7,6 @@ from station.guide.answers import plain, words
 from station.guide.frontend import BY_HAND, LAMP, MOVE
 
 WHY: Mapping[str, str] = {
-    # --- of every plan
     MOVE: "Nothing moves before you agree. F12 stops every axis at any time; a stage that was stopped homes again.",
     LAMP: "The lamp may be bright enough to hurt at close range. It goes out when the run ends.",
     BY_HAND: "No axis of the bench can make this change. Where the camera sends a live picture, the question is "
@@ -19,7 +18,6 @@ WHY: Mapping[str, str] = {
     "place": "The result can do without this place if the others cover the frame.",
     "photographed": "The file is recognised as soon as it is complete in the folder.",
     "frames_folder": "Only photographs that arrive there from now on are used.",
-    # --- the chart
     "paper": "The chart is drawn for the printable area of this paper.",
     "chart_width_mm": "A wider chart is photographed from farther away, where the lens is used; it needs more paper.",
     "chart_seed": "The number names the pattern of black and white cells, with which the photograph is compared.",
@@ -42,16 +40,13 @@ WHY: Mapping[str, str] = {
     "places": "More places show more detail over the frame; each needs a photograph.",
     "views": "Each view is placed where it reduces the uncertainty of the camera most. Twelve are usually enough.",
     "aim": "The next views are chosen to make the direction of this pixel certain.",
-    # --- a wall
     "wall": "The photographs are compared with each other, so the wall needs detail that a lens can blur.",
     "square": "A wall at an angle is in focus along a line only.",
     "tripod": "Both photographs must show the same part of the wall.",
     "near_mm": "The near photograph serves as the sharp one, since its detail is larger in the frame.",
     "ratio": "A larger ratio makes the near photograph sharper relative to the far one, but covers less of the wall.",
     "farther": "More distances make the result more certain, and show whether it holds at each of them.",
-    "focused_near": "Each distance needs its own focus.",
-    "focused_far": "Each distance needs its own focus.",
-    # --- panel
+    **dict.fromkeys(("focused_near", "focused_far"), "Each distance needs its own focus."),
     "light": "A panel gives the sensor's noise and the vignetting in the same session.",
     "panel": "Close to the lens the panel is evenly bright over the whole frame.",
     "covered": "Dark pictures show offset and noise without light.",
@@ -60,12 +55,10 @@ WHY: Mapping[str, str] = {
         ("panel_turned_1", "panel_turned_2", "panel_turned_3"),
         "Turning the panel separates its unevenness from the vignetting of the lens.",
     ),
-    # --- tilt
     "screw_count": "The turns are computed for every screw that holds the sensor.",
     "screw_radius_mm": "The farther a screw is from the centre, the smaller the tilt that a turn makes.",
     "screw_pitch_mm": "The pitch of the thread: M2 has 0.4 mm, M3 0.5 mm.",
     "first_screw_deg": "The drawing shows the angles as on the face of a clock: 0 at 12 o'clock, 90 at 3, 180 at 6.",
-    # --- restoration
     "blur_by": "Two photographs with different known blurs determine both the sharp picture and the depth.",
     "photographs": "A third blur makes the picture better where the first two lose the same detail.",
     "colour": "In colour every plane is restored with the same depth, which takes about four times as long.",
@@ -73,9 +66,9 @@ WHY: Mapping[str, str] = {
     "motion_shape": "A recorded or measured motion is more reliable than one that is searched for.",
     "scene": "Whatever moves between the photographs is restored wrongly.",
     "max_w": "A larger limit takes longer; a smaller one cuts the blur of near objects.",
-    "first_f_number": "The ratio of the f-numbers is the ratio of the blurs.",
-    "second_f_number": "The ratio of the f-numbers is the ratio of the blurs.",
-    "third_f_number": "The ratio of the f-numbers is the ratio of the blurs.",
+    **dict.fromkeys(
+        ("first_f_number", "second_f_number", "third_f_number"), "The ratio of the f-numbers is the ratio of the blurs."
+    ),
     "lens_f_number": "It gives the size of the defocus that is added to the motions.",
     "focus_m": "The depth in metres follows from the plane of focus.",
     "shape": "The shape of the aperture is the shape of the blur of a point out of focus.",
@@ -85,7 +78,6 @@ WHY: Mapping[str, str] = {
     **dict.fromkeys(("first_moves", "second", "third"), "Different motions lose different detail of the scene."),
     "truth": "The comparison needs the same scene from the same place.",
 }
-"""The reason for a question, by its key."""
 
 
 def explain(ask: Ask, step: Step | None) -> list[str]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from procedures.outcome import BadInput, BadParameter
-from station.common.durable_files import sha256_of, temporary_folder
+from station.common.durable_files import holds, sha256_of, temporary_folder
 from station.guide.catalogue import plan_named
 from station.guide.session_result import compute
 from station.results.reader import Change, changes, read_result
@@ -124,8 +124,12 @@ def _recomputed(folder: Path, result: DerivedResult, state: SessionState) -> Rec
         keys = _differing(folder / result.folder / RECORD, fresh / RECORD)
         shared, moved, verdicts = _planes_compared(folder / result.folder, fresh)
     environment = result.about.get("machine", {})
-    on_disk = {name: _hash(folder / result.folder / name) for name in result.files}
-    same = [name for name, digest in hashes.items() if result.files.get(name) == digest == on_disk.get(name)]
+    same = [
+        name
+        for name, digest in hashes.items()
+        if result.files.get(name) == digest and holds(folder / result.folder / name, digest)
+    ]
+    before, now = _flat(environment), _flat(machine())
     return RecomputedResult(
         result.folder,
         tuple(sorted(same)),
@@ -133,7 +137,7 @@ def _recomputed(folder: Path, result: DerivedResult, state: SessionState) -> Rec
         tuple(sorted(name for name in result.files if name not in hashes)),
         tuple(sorted(name for name in hashes if name not in result.files)),
         keys,
-        _other_machine(environment),
+        tuple((k, str(before.get(k)), str(now.get(k))) for k in sorted(before) if before[k] != now.get(k)),
         version=str(environment.get("software", {}).get("version") or ""),
         numbers=shared,
         moved=moved,
@@ -142,7 +146,6 @@ def _recomputed(folder: Path, result: DerivedResult, state: SessionState) -> Rec
 
 
 def _planes_compared(old: Path, new: Path) -> tuple[int, tuple[MovedNumber, ...], tuple[tuple[str, str, str], ...]]:
-    """Count of shared numbers, the numbers that differ, and the planes with different verdicts."""
     try:
         before, now = read_result(old).by_name, read_result(new).by_name
     except BadInput:  # the hashes report what is wrong with the older result
@@ -161,15 +164,7 @@ def _moved(plane: str, change: Change) -> MovedNumber:
     return MovedNumber(plane, change.name, then, now, (now - then) / spread if spread > 0 else math.inf)
 
 
-def _hash(path: Path) -> str:
-    try:
-        return sha256_of(path)
-    except OSError:
-        return ""
-
-
 def _differing(old: Path, new: Path) -> tuple[str, ...]:
-    """The entries in which two records differ."""
     try:
         before, now = (_flat(json.loads(path.read_bytes())) for path in (old, new))
     except (OSError, ValueError, RecursionError):
@@ -181,8 +176,3 @@ def _flat(value: Any, name: str = "") -> dict[str, Any]:
     if isinstance(value, Mapping):
         return {k: v for key, part in value.items() for k, v in _flat(part, f"{name}.{key}" if name else key).items()}
     return {name: value}
-
-
-def _other_machine(then: Mapping[str, Any]) -> tuple[tuple[str, str, str], ...]:
-    before, now = _flat(then), _flat(machine())
-    return tuple((k, str(before.get(k)), str(now.get(k))) for k in sorted(before) if before[k] != now.get(k))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, replace
 from functools import singledispatchmethod
@@ -16,45 +16,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from drivers.errors import SystemClock
+from procedures import plan as plans
 from procedures.outcome import ProcedureError, Refused
-from procedures.plan import (
-    Advice,
-    Ask,
-    Decide,
-    Estimate,
-    Give,
-    Go,
-    Home,
-    Known,
-    Look,
-    Measure,
-    Plan,
-    Request,
-    Scan,
-    SetLight,
-    Shoot,
-    Show,
-    Step,
-    Tour,
-)
 from station.bench.opening import Surroundings
 from station.common.durable_files import write_whole
+from station.guide import frontend
 from station.guide.active_devices import AT, DISTANCE, LIGHT_LEVEL, ActiveDevices
 from station.guide.consent import MoveApproval
 from station.guide.dialogue import Conversation, Skipped
 from station.guide.exposure import Photographer, PhotographRecorder
-from station.guide.frontend import (
-    DiagramEvent,
-    Frontend,
-    ProblemEvent,
-    ProgressEvent,
-    Result,
-    RunBegan,
-    RunEnded,
-    StepBegan,
-    StepEnded,
-    Stopped,
-)
 from station.guide.manual_camera import HandCamera
 from station.guide.photographing import PhotographRequests
 from station.guide.session_result import SessionResult, derive
@@ -77,10 +47,10 @@ class Run:
 
     def __init__(
         self,
-        plan: Plan,
+        plan: plans.Plan,
         bench: Bench | None,
         session: Session,
-        operator: Frontend,
+        operator: frontend.Frontend,
         timeouts: SettlingTimeouts | None = None,
     ) -> None:
         self.plan = plan
@@ -94,12 +64,10 @@ class Run:
         self._approval = MoveApproval(self._rig, self._talk)
         self._step = plan.steps[0]
         self._photographs: PhotographRequests | None = None
-        self._known: Known = {}
+        self._known: plans.Known = {}
         self._result: SessionResult | None = None
         self.over = threading.Event()
         """Set when the run has released the bench."""
-
-    # --- from outside
 
     def ask_to_stop(self) -> None:
         """End after the current exposure or move. From any thread."""
@@ -110,44 +78,39 @@ class Run:
         self._talk.emergency.set()
         self._rig.emergency_stop()
 
-    def go(self) -> RunEnded:
+    def go(self) -> frontend.RunEnded:
         """Carry out the plan from the first incomplete step. Blocks until the end; never raises Stopped."""
         try:
-            return self._go_through()
+            done = self._session.state.done
+            gave = {name: self.plan.step(name).value(self._talk.facts) for name in done}
+            self._talk.notify(frontend.RunBegan(self.plan, self._session.folder, tuple(done), gave))
+            try:
+                self._report_notices()
+                if self._next() is not None:
+                    self._prepare(resumed=bool(done))
+                while (step := self._next()) is not None:
+                    self._carry_out(step)
+                ended = frontend.RunEnded("finished", self._report(), self._certificate())
+            except ProcedureError as error:
+                self._talk.notify(frontend.ProblemEvent(error.reason, error.remedy))
+                ended = frontend.RunEnded("stopped")
+            except frontend.Stopped:
+                ended = frontend.RunEnded("emergency" if self._talk.emergency.is_set() else "stopped")
+            except BaseException:  # an unexpected error or exit: nothing may keep moving
+                self.stop_now()
+                with suppress(Exception):
+                    self._ended(frontend.RunEnded("emergency"))
+                raise
+            return self._ended(ended)
         finally:
             self.over.set()
 
-    def _go_through(self) -> RunEnded:
-        done = self._session.state.done
-        gave = {name: self.plan.step(name).value(self._talk.facts) for name in done}
-        self._talk.notify(RunBegan(self.plan, self._session.folder, tuple(done), gave))
-        try:
-            self._report_notices()
-            if self._next() is not None:
-                self._prepare(resumed=bool(done))
-            while (step := self._next()) is not None:
-                self._carry_out(step)
-            ended = RunEnded("finished", self._report(), self._certificate())
-        except ProcedureError as error:
-            self._talk.notify(ProblemEvent(error.reason, error.remedy))
-            ended = RunEnded("stopped")
-        except Stopped:
-            ended = RunEnded("emergency" if self._talk.emergency.is_set() else "stopped")
-        except BaseException:  # an unexpected error or exit: nothing may keep moving
-            self.stop_now()
-            with suppress(Exception):
-                self._ended(RunEnded("emergency"))
-            raise
-        return self._ended(ended)
-
     def _report_notices(self) -> None:
-        """Report what the session has recovered, and what must be repeated."""
         for notice in self._session.state.notices:
-            self._talk.notify(ProgressEvent(notice, lasts=True))
+            self._talk.notify(frontend.ProgressEvent(notice, lasts=True))
         self._session.acknowledge_notices()
 
     def _report(self) -> Path | None:
-        """The session's report, written at the end; None without a result."""
         if not self._session.state.results:
             return None
         from station.guide.session_report import REPORTED, session_page  # imported here: it draws, a slow import
@@ -156,7 +119,7 @@ class Run:
         if drawn.is_file():
             return drawn
         path = self._session.folder / PAGE
-        self._talk.notify(ProgressEvent("writing the report"))
+        self._talk.notify(frontend.ProgressEvent("writing the report"))
         with suppress(Refused, Skipped):  # the plan writes its own page, or was refused
             page = session_page(self._session.folder, self._result).encode()
             self._talk.attempt(lambda: write_whole(path, page), always=True)
@@ -181,7 +144,7 @@ class Run:
             return folder / CERTIFICATE
         return None
 
-    def _ended(self, ended: RunEnded) -> RunEnded:
+    def _ended(self, ended: frontend.RunEnded) -> frontend.RunEnded:
         self._rig.extinguish()
         with suppress(ProcedureError):  # the run also ends on a full disk
             self._report_notices()
@@ -193,8 +156,6 @@ class Run:
             self._rig.bench.log_wires(None)
         self._talk.notify(ended)
         return ended
-
-    # --- steps
 
     def _prepare(self, *, resumed: bool) -> None:
         """Connect every device; after an interruption, restore the positions of the axes and the lamp."""
@@ -210,7 +171,7 @@ class Run:
             identities = {name: asdict(identity) for name, identity in self._rig.bench.identities.items()}
             self._talk.attempt(lambda: self._session.note("devices", devices=identities))
         for name, caveat in self._rig.caveats().items():
-            self._talk.notify(ProblemEvent(f"{name}: {caveat.reason}", caveat.remedy))
+            self._talk.notify(frontend.ProblemEvent(f"{name}: {caveat.reason}", caveat.remedy))
             self._talk.attempt(lambda n=name, c=caveat: self._session.note("doubted", device=n, reason=c.reason))  # type: ignore[misc]
         if resumed:
             self._restore()
@@ -219,63 +180,56 @@ class Run:
         facts = self._talk.facts
         places = {name.removeprefix(AT): float(value) for name, value in facts.items() if name.startswith(AT)}
         if LIGHT_LEVEL in facts:
-            self._do(SetLight(lambda facts: float(facts[LIGHT_LEVEL])))
+            self._do(plans.SetLight(lambda facts: float(facts[LIGHT_LEVEL])))
+
+        def go_back() -> None:
+            if self._rig.movers():
+                self._approval.to_home(places)
+            self._carry(plans.Home())
+            self._carry(plans.Go(lambda facts: places, lambda facts: "returning the camera to its last position"))
+
         if places:
-            self._unless_skipped(lambda: self._go_back(places))
+            self._unless_skipped(go_back)
         self._talk.take_up()
 
-    def _go_back(self, places: Mapping[str, float]) -> None:
-        """Home, and move to the positions of the earlier run, with one approval for both."""
-        if self._rig.movers():
-            self._approval.to_home(places)
-        self._carry(Home())
-        self._carry(Go(lambda facts: places, lambda facts: "returning the camera to its last position"))
-
-    def _next(self) -> Step | None:
-        """The first incomplete step; unwanted steps before the last completed one are skipped."""
-        steps, done = self.plan.steps, self._session.state.done
+    def _next(self) -> plans.Step | None:
+        steps, done, facts = self.plan.steps, self._session.state.done, self._talk.facts
         last = max((n for n, step in enumerate(steps) if step.name in done), default=-1)
-        left = (step for n, step in enumerate(steps) if step.name not in done and (n > last or self._applies(step)))
+        left = (step for n, step in enumerate(steps) if step.name not in done and (n > last or step.when(facts)))
         return next(left, None)
 
-    def _applies(self, step: Step) -> bool:
-        return step.when(self._talk.facts)
-
-    def _carry_out(self, step: Step) -> None:
+    def _carry_out(self, step: plans.Step) -> None:
         self._step = step
         self._session.begin_step(step.name)
-        wanted = self._applies(step)
+        wanted = step.when(self._talk.facts)
         if wanted:
-            self._talk.notify(StepBegan(step))
+            self._talk.notify(frontend.StepBegan(step))
         try:
             for request in step.requests if wanted else ():
                 self._do(request)
         except StepReopened:
             return
         self._session.finish_step(step.name)
-        self._talk.notify(StepEnded(step, step.value(self._talk.facts)))
+        self._talk.notify(frontend.StepEnded(step, step.value(self._talk.facts)))
 
-    def _do(self, request: Request) -> None:
+    def _do(self, request: plans.Request) -> None:
         self._unless_skipped(lambda: self._carry(request))
 
     def _unless_skipped(self, work: Callable[[], None]) -> None:
-        """Carry out one request, whose moves the operator approves once."""
         self._talk.check()
         self._approval.withdraw()
         try:
             work()
         except Skipped:
             self._rig.exclude_lost()
-            self._talk.notify(ProgressEvent("skipped; the run continues with what is known", lasts=True))
-
-    # --- requests
+            self._talk.notify(frontend.ProgressEvent("skipped; the run continues with what is known", lasts=True))
 
     @singledispatchmethod
-    def _carry(self, request: Request) -> None:
+    def _carry(self, request: plans.Request) -> None:
         raise TypeError(f"unknown request: {request!r}")
 
     @_carry.register
-    def _(self, ask: Ask) -> None:
+    def _(self, ask: plans.Ask) -> None:
         facts = {**self._talk.facts, **self._rig.abilities()}
         if not ask.when(facts):
             return
@@ -285,20 +239,20 @@ class Run:
             self._talk.learn({ask.key: given})
 
     @_carry.register
-    def _(self, give: Give) -> None:
+    def _(self, give: plans.Give) -> None:
         path = self._session.folder / give.name
         data = give.make(self._talk.facts)
         self._talk.attempt(lambda: write_whole(path, data))
         self._talk.doing(give.say(str(path)), lasts=True)
 
     @_carry.register
-    def _(self, show: Show) -> None:
+    def _(self, show: plans.Show) -> None:
         diagram = show.diagram(self._talk.facts)
         if diagram is not None:
-            self._talk.notify(DiagramEvent(diagram))
+            self._talk.notify(frontend.DiagramEvent(diagram))
 
     @_carry.register
-    def _(self, home: Home) -> None:
+    def _(self, home: plans.Home) -> None:
         if self._rig.movers():
             self._approval.to_home()
             self._talk.doing("homing: keep clear of all moving parts")
@@ -306,10 +260,10 @@ class Run:
             self._photograph_requests().moved()
 
     @_carry.register
-    def _(self, go: Go) -> None:
+    def _(self, go: plans.Go) -> None:
         self._go(go)
 
-    def _go(self, go: Go, *, again: bool = False) -> None:
+    def _go(self, go: plans.Go, *, again: bool = False) -> None:
         """Move, with the bench or by hand; `again` : more moves of the request follow."""
         facts = {**self._talk.facts, **self._rig.snapshot().facts()}
         places, say = go.to(facts), go.say(facts)
@@ -322,47 +276,49 @@ class Run:
             self._talk.attempt(lambda: self._rig.go_to(places), self._rig.recover)
             self._photograph_requests().moved()
         else:
-            self._talk.by_hand(Advice(False, say, by_hand=go.by_hand(facts)), obstacle)
+            self._talk.by_hand(plans.Advice(False, say, by_hand=go.by_hand(facts)), obstacle)
             self._approval.withdraw()
 
     @_carry.register
-    def _(self, light: SetLight) -> None:
+    def _(self, light: plans.SetLight) -> None:
         level = light.level(self._talk.facts)
         self._approval.to_light(level)
-        self._talk.notify(ProgressEvent(f"the lamp goes to {100 * level:.0f} %" if level else "the lamp goes out"))
+        self._talk.notify(
+            frontend.ProgressEvent(f"the lamp goes to {100 * level:.0f} %" if level else "the lamp goes out")
+        )
         if self._talk.attempt(lambda: self._rig.set_light(level), self._rig.recover):
             self._talk.learn({LIGHT_LEVEL: level})
 
     @_carry.register
-    def _(self, measure: Measure) -> None:
+    def _(self, measure: plans.Measure) -> None:
         distance_mm = self._talk.attempt(self._rig.measure_mm, self._rig.recover)
         if distance_mm is not None:
             self._talk.learn({DISTANCE: distance_mm})
 
     @_carry.register
-    def _(self, look: Look) -> None:
+    def _(self, look: plans.Look) -> None:
         if look.when(self._talk.facts):
             self._photograph_requests().look(look)
 
     @_carry.register
-    def _(self, scan: Scan) -> None:
+    def _(self, scan: plans.Scan) -> None:
         self._photograph_requests().scan(scan)
 
     @_carry.register
-    def _(self, shoot: Shoot) -> None:
+    def _(self, shoot: plans.Shoot) -> None:
         self._photograph_requests().shoot(shoot)
 
     @_carry.register
-    def _(self, tour: Tour) -> None:
+    def _(self, tour: plans.Tour) -> None:
         self._photograph_requests().tour(tour, lambda go: self._go(go, again=True))
 
     @_carry.register
-    def _(self, estimate: Estimate) -> None:
+    def _(self, estimate: plans.Estimate) -> None:
         say = "computing the result from all shots that count"
         self._talk.doing(say)
 
         def progress(done: int, total: int) -> None:
-            self._talk.notify(ProgressEvent(say, done, total))
+            self._talk.notify(frontend.ProgressEvent(say, done, total))
 
         folder, result = self._talk.attempt(
             lambda: derive(self._session, self.plan, self._step.name, progress, self._known)
@@ -370,19 +326,16 @@ class Run:
         self._result = result
         self._talk.learn(estimate.facts_from({name: plane.estimate for name, plane in result.planes.items()}))
         causes = result.reason, result.remedy, result.other_causes
-        self._talk.notify(Result(folder, result.planes, result.verdict, *causes))
+        self._talk.notify(frontend.Result(folder, result.planes, result.verdict, *causes))
 
     @_carry.register
-    def _(self, decide: Decide) -> None:
+    def _(self, decide: plans.Decide) -> None:
         choices = (RETAKE, ACCEPT) if decide.again(self._talk.facts) else (ACCEPT, RETAKE)
         if self._talk.choose("verdict", "Accept the result, or take the shots again?", choices) == RETAKE:
             self._session.reopen(decide.retake)
             raise StepReopened
 
-    # --- photographs
-
     def _photograph_requests(self) -> PhotographRequests:
-        """The photograph requests, with the bench's camera or the operator's own."""
         if self._photographs is None:
             camera: Photographer = self._rig
             if not self._rig.has_camera:

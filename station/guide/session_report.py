@@ -1,7 +1,5 @@
-"""A session's report: its last result, recomputed from the photographs, with bench and journal.
-
-Where the plan has written its own page with the result, that page is the report.
-"""
+"""A session's report: its last result, recomputed from the photographs, with bench and journal. Where the plan has
+written its own page with the result, that page is the report."""
 
 import hashlib
 from collections import Counter
@@ -14,10 +12,9 @@ import numpy as np
 
 from procedures.field.field_file import read_field
 from procedures.numbers import S_OVER_T
-from procedures.numerics.arrays import Array
 from procedures.outcome import Refused, Verdict
 from procedures.pattern_psf.combine import CombinedPsf
-from procedures.pattern_psf.drift import DriftSeries, Slope, chart_series, slope_of
+from procedures.pattern_psf.drift import chart_series, slope_of
 from procedures.psf_field import PsfField
 from procedures.quality import OPERATOR
 from procedures.raw import Exposure
@@ -48,7 +45,6 @@ STATED = (
     "focal_length_mm", "pixel_pitch_um", "f_number", "exposure_s", "iso", "places", "views", "blur_by", "photographs",
     "max_w", "screw_count", "screw_radius_mm", "screw_pitch_mm", "s", "k", "solver", "print_blur", "exposure_ratio",
 )  # fmt: skip
-"""The facts of a session that its certificate states."""
 WORDS = {str(S_OVER_T): "s/t", "iso": "ISO", "f_number": "f-number"}
 
 
@@ -67,7 +63,6 @@ def session_page(folder: Path, result: SessionResult | None = None) -> str:
 
 
 def _with_result(folder: Path) -> SessionRecord:
-    """The session's record. Raises Refused without a result."""
     record = read_session(folder)
     if not record.state.results:
         raise Refused(f"{folder.name} has no result yet", "continue it: station session resume")
@@ -80,7 +75,6 @@ def overlaid_page(folder: Path, overlays: Sequence[Overlay]) -> str:
 
 
 def _drawn(report: Report) -> str:
-    """The page of a report, as PSFs require it or with the curves and numbers of any other procedure."""
     return measurement_page(report) if entry_named(report.procedure).general else psf_page(report)
 
 
@@ -108,22 +102,17 @@ def certificate_files(
     from station.reports import certificate_print
 
     report, last = session_report(folder, result), read_session(folder).state.results[-1]
-    report, record = replace(report, parameters=_customer_facts(report.parameters)), read_record(folder / last.folder)
-    return certificate_print.certificate_files(report, record, details or CertificateDetails.read())
-
-
-def _customer_facts(facts: Mapping[str, Any]) -> dict[str, str]:
-    """The facts on which a customer relies, in words."""
     from station.guide.provenance import NAMES  # imported here: its dependencies are slow to import
 
     known = {}
     for key in STATED:
-        if (value := facts.get(key)) is not None:
+        if (value := report.parameters.get(key)) is not None:
             words, unit = unit_of(key)
             known[WORDS.get(key) or NAMES.get(key, words)] = (
                 f"{value:.4g} {unit}".rstrip() if isinstance(value, float) else str(value)
             )
-    return known
+    report, record = replace(report, parameters=known), read_record(folder / last.folder)
+    return certificate_print.certificate_files(report, record, details or CertificateDetails.read())
 
 
 def _kept_page(folder: Path, record: SessionRecord) -> str | None:
@@ -162,15 +151,27 @@ def _of_measurement(record: SessionRecord) -> Report:
 
 
 def _report(record: SessionRecord, state: SessionState, result: SessionResult) -> Report:
+    from procedures.field.conclusion import FieldResult  # imported here: slow to import
+    from station.guide.provenance import NAMES, provenance_of
+    from station.reports.field.field_files import with_medians
+
     last, entry = record.state.results[-1], entry_named(state.plan)
+    sources = provenance_of(plan_named(state.plan), state.facts, result.frames).items()
     return Report(
         subject=f"{printable(state.camera)}, {printable(state.lens)}",
         procedure=state.plan,
-        planes=[_of_frame(one) for one in result.planes.values()],
+        planes=[
+            with_medians(one, one.estimate) if isinstance(one.estimate, FieldResult) else one
+            for one in result.planes.values()
+        ],
         frames=result.frames,
         shots=list(_shots(record.state, {frame.sha256: frame.exposure for frame in result.frames})),
         parameters={name: printable(value) for name, value in state.facts.items()},
-        conditions=[*_operator_inputs(state, result), *_conditions(state), *environment_lines(_environment(state))],
+        conditions=[
+            *(ReportLine(NAMES[key], str(source)) for key, source in sources if source.source == OPERATOR),
+            *_conditions(state),
+            *environment_lines(_environment(state)),
+        ],
         drift=drift_lines(state, result.planes),
         devices=list(_devices(record)),
         specification=terms_of_session(record.folder).specification.title,
@@ -182,16 +183,7 @@ def _report(record: SessionRecord, state: SessionState, result: SessionResult) -
     )
 
 
-def _of_frame(result: PlaneResult) -> PlaneResult:
-    """A plane's result; for a field, with its medians over the frame."""
-    from procedures.field.conclusion import FieldResult
-    from station.reports.field.field_files import with_medians
-
-    return with_medians(result, result.estimate) if isinstance(result.estimate, FieldResult) else result
-
-
 def _fields(estimate: object) -> Iterator[tuple[str, PsfField]]:
-    """The PSF over the frame by plane, of an estimate of a field."""
     from procedures.field.conclusion import FieldResult
 
     if isinstance(estimate, FieldResult):
@@ -199,7 +191,6 @@ def _fields(estimate: object) -> Iterator[tuple[str, PsfField]]:
 
 
 def _shots(state: SessionState, exposures: Mapping[str, Exposure]) -> Iterator[ReportShot]:
-    """The photographs of the result, then those that do not count, with the reason."""
     for shot in sorted(state.shots, key=lambda shot: not shot.counts):
         exposure = exposures.get(shot.sha256) if shot.counts else None
         words = exposure_words(exposure) if exposure else ""
@@ -208,17 +199,7 @@ def _shots(state: SessionState, exposures: Mapping[str, Exposure]) -> Iterator[R
         yield ReportShot(shot.path, shot.sha256, words, taken, note)
 
 
-def _operator_inputs(state: SessionState, result: SessionResult) -> Iterator[ReportLine]:
-    """The numbers whose only source is the operator."""
-    from station.guide.provenance import NAMES, provenance_of  # imported here: its dependencies are slow to import
-
-    for key, provenance in provenance_of(plan_named(state.plan), state.facts, result.frames).items():
-        if provenance.source == OPERATOR:
-            yield ReportLine(NAMES[key], str(provenance))
-
-
 def _conditions(state: SessionState) -> Iterator[ReportLine]:
-    """Range of every reported device value over the shots that count."""
     values_of: dict[str, list[float]] = {}
     for shot in state.counting():
         for name, value in {**shot.snapshot.get("axes", {}), **shot.snapshot}.items():
@@ -235,7 +216,6 @@ def _environment(state: SessionState) -> dict[str, Any] | None:
 
 
 def _devices(record: SessionRecord) -> Iterator[ReportLine]:
-    """The devices, as last recorded in the journal."""
     identities: Mapping[str, Any] = {}
     for line in record.contents.lines:
         if line.event == "devices":
@@ -245,10 +225,7 @@ def _devices(record: SessionRecord) -> Iterator[ReportLine]:
         yield ReportLine(printable(name), printable(", ".join(word for word in words if word)))
 
 
-# --- drift over a session ---
-
 PLANES = ("G1", "Y")
-"""Planes whose drift is given, in order of preference."""
 SAME_PLACE = 3
 """Decimals of the axes' positions that are equal at one position."""
 SMALLEST_CHANGE_K = 0.2
@@ -267,37 +244,24 @@ def drift_lines(state: SessionState, planes: Mapping[str, PlaneResult]) -> list[
     photographs = [photograph for photograph in photographs if _place(photograph[0]) == place]
     shots = [shot for shot, _ in photographs]
     series = chart_series([estimate for _, estimate in photographs], plane.pitch or 1)
-    hours, kelvins = _hours(shots), _temperatures(shots)
-    return [line for name, one in series.items() if (line := _line(name, one, hours, kelvins)) is not None]
-
-
-def _line(name: str, series: DriftSeries, hours: Array | None, kelvins: Array | None) -> DriftLine | None:
-    per_hour, per_kelvin = (None if x is None else slope_of(x, series) for x in (hours, kelvins))
-    if per_hour is None and per_kelvin is None:
-        return None
-    return DriftLine(name, _words(per_hour, f"{series.unit}/h"), _words(per_kelvin, f"{series.unit}/K"))
-
-
-def _words(slope: Slope | None, unit: str) -> str:
-    return "—" if slope is None else f"{stated(slope.value, slope.uncertainty)} {unit}"
+    times = np.array([float(shot.exposure.get("requested_s", np.nan)) for shot in shots]) / HOUR_S
+    hours = times if np.all(np.diff(times) > 0) else None
+    readings = [temperature_during(shot.snapshot) for shot in shots]
+    kelvins = None if None in readings else np.array(readings, np.float64)
+    if kelvins is not None and np.ptp(kelvins) < SMALLEST_CHANGE_K:
+        kelvins = None
+    lines = []
+    for name, one in series.items():
+        slopes = [None if x is None else slope_of(x, one) for x in (hours, kelvins)]
+        if any(slopes):
+            per_hour, per_kelvin = (
+                "—" if slope is None else f"{stated(slope.value, slope.uncertainty)} {one.unit}/{per}"
+                for slope, per in zip(slopes, "hK", strict=True)
+            )
+            lines.append(DriftLine(name, per_hour, per_kelvin))
+    return lines
 
 
 def _place(shot: SessionShot) -> tuple[tuple[str, float], ...]:
-    """The axes' positions at a photograph."""
     axes = shot.snapshot.get("axes", {})
     return tuple(sorted((str(name), round(float(value), SAME_PLACE)) for name, value in axes.items()))
-
-
-def _hours(shots: Sequence[SessionShot]) -> Array | None:
-    """Times of the photographs; None where the bench's clock began again between them."""
-    times = np.array([float(shot.exposure.get("requested_s", np.nan)) for shot in shots]) / HOUR_S
-    return times if np.all(np.diff(times) > 0) else None
-
-
-def _temperatures(shots: Sequence[SessionShot]) -> Array | None:
-    """Temperatures at the photographs; None without a probe, or where they hardly differ."""
-    readings = [temperature_during(shot.snapshot) for shot in shots]
-    if any(reading is None for reading in readings):
-        return None
-    kelvins = np.array(readings, np.float64)
-    return kelvins if np.ptp(kelvins) >= SMALLEST_CHANGE_K else None

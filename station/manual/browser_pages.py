@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from markdown_it import MarkdownIt
 from markdown_it.renderer import RendererProtocol
@@ -15,21 +16,42 @@ from markupsafe import Markup
 
 from procedures.outcome import BadParameter
 from station.common.durable_files import write_whole
-from station.manual.formulas import add_formulas
-from station.manual.notebooks import notebook_of
-from station.manual.pages import PARTS, Page, index_text, sections_of
+from station.manual.pages import PARTS, PICTURE, Page, add_formulas, index_text, sections_of
 from station.reports.page import html, render
+
+BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def cells_of(text: str) -> list[dict[str, Any]]:
+    """A page's cells: text and code in turn, as nbformat 4.4 has them."""
+    texts = BLOCK.split(PICTURE.sub("", text))
+    parts = ((("code" if n % 2 else "markdown"), part.strip()) for n, part in enumerate(texts))
+    code: dict[str, Any] = {"execution_count": None, "outputs": []}
+    return [
+        {"cell_type": kind, "metadata": {}, "source": part, **(code if kind == "code" else {})}
+        for kind, part in parts
+        if part
+    ]
+
+
+def notebook_of(page: Page) -> str | None:
+    """The page as a notebook; None without Python in it."""
+    cells = cells_of(page.text)
+    if not any(cell["cell_type"] == "code" for cell in cells):
+        return None
+    python = {"name": "python3", "display_name": "Python 3", "language": "python"}
+    return json.dumps(
+        {"nbformat": 4, "nbformat_minor": 4, "metadata": {"kernelspec": python}, "cells": cells}, indent=1
+    )
+
 
 INDEX = "index"
 SEARCH = "search.js"
-"""The texts of all pages, for the search."""
 
 
 def write_manual(pages: Sequence[Page], folder: Path, pictures: Mapping[str, bytes]) -> Path:
-    """Write all pages, those with Python as notebooks too, pictures and index into a folder; returns the index.
-
-    Raises BadParameter if it cannot be written.
-    """
+    """Write all pages, those with Python as notebooks too, pictures and index into a folder; returns the index. Raises
+    BadParameter if it cannot be written."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -41,7 +63,12 @@ def write_manual(pages: Sequence[Page], folder: Path, pictures: Mapping[str, byt
             write_whole(folder / f"{page.name}.ipynb", notebook.encode())
     for name, data in pictures.items():
         write_whole(folder / name, data)
-    write_whole(folder / SEARCH, _search_index(pages).encode())
+    entries = []
+    for section in (one for page in pages for one in sections_of(page)):
+        place = f"#{section_name(section.heading)}" if section.heading else ""
+        text = " ".join(re.sub(r"\]\([^)]*\)|[*`|\[]|^-+$", " ", section.text, flags=re.MULTILINE).split())
+        entries.append([f"{section.page.name}.html{place}", section.page.title, section.heading, text])
+    write_whole(folder / SEARCH, f"const SECTIONS = {json.dumps(entries, ensure_ascii=False)};\n".encode())
     index = folder / f"{INDEX}.html"
     write_whole(index, _html(Page("", INDEX, index_text(pages)), pages).encode())
     return index
@@ -56,16 +83,6 @@ def _html(page: Page, pages: Sequence[Page]) -> str:
     )  # fmt: skip
 
 
-def _search_index(pages: Sequence[Page]) -> str:
-    """Address, page, heading and text of every section."""
-    entries = []
-    for section in (one for page in pages for one in sections_of(page)):
-        place = f"#{section_name(section.heading)}" if section.heading else ""
-        text = " ".join(re.sub(r"\]\([^)]*\)|[*`|\[]|^-+$", " ", section.text, flags=re.MULTILINE).split())
-        entries.append([f"{section.page.name}.html{place}", section.page.title, section.heading, text])
-    return f"const SECTIONS = {json.dumps(entries, ensure_ascii=False)};\n"
-
-
 def html_of(markdown: str) -> str:
     """The body of a page, with links to the other HTML pages and ids of headings."""
     reader = MarkdownIt("commonmark", {"html": False}).enable("table")
@@ -75,23 +92,17 @@ def html_of(markdown: str) -> str:
         if token.type == "heading_open" and following is not None:
             token.attrSet("id", section_name(following.content))
         for child in token.children or ():
-            _link_to_html(child)
+            href = str(child.attrGet("href") or "")
+            page, mark, section = href.partition("#")
+            if child.type == "link_open" and page.endswith(".md"):
+                child.attrSet("href", f"{Path(page).stem}.html{mark}{section}")
     reader.add_render_rule("image", _picture)
     return str(reader.renderer.render(tokens, reader.options, {}))
 
 
 def _picture(renderer: RendererProtocol, tokens: Sequence[Token], at: int, options: OptionsDict, env: EnvType) -> str:
-    """A picture with its caption."""
     source, caption = str(tokens[at].attrGet("src")).removeprefix("picture:"), tokens[at].content
     return html('<span class="picture"><img src="{}" alt="">{}</span>', source, caption)
-
-
-def _link_to_html(token: Token) -> None:
-    """Turn a link to another page's Markdown into one to its HTML in the same folder."""
-    href = str(token.attrGet("href") or "")
-    page, mark, section = href.partition("#")
-    if token.type == "link_open" and page.endswith(".md"):
-        token.attrSet("href", f"{Path(page).stem}.html{mark}{section}")
 
 
 def section_name(heading: str) -> str:

@@ -1,15 +1,49 @@
-"""The reference of all commands, generated from the commands."""
+"""The reference of all commands and of the fields of results, generated from the program."""
 
 from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import click
 
+ENTRY = re.compile(r"(?P<names>\w+(?:, \w+)*) : (?P<text>\S.*)")
+TYPE = re.compile(r"(\([^)]*\) )?\w+")  # the definition follows on the next lines
+
+
+def fields_text(tables: Mapping[str, type]) -> str:
+    """A section for each title: the attributes of a class, by name, as its docstring defines them."""
+    return "\n".join("\n".join(_field_table(title, kind)) for title, kind in tables.items())
+
+
+def _field_table(title: str, kind: type) -> Iterator[str]:
+    yield from (f"## {title}", "", "| name | definition |", "|---|---|")
+    for names, definition in attributes(kind):
+        shown = ", ".join(f"`{name}`" for name in names)
+        yield f"| {shown} | {definition.replace('|', chr(92) + '|')} |"
+    yield ""
+
+
+def attributes(kind: type) -> list[tuple[list[str], str]]:
+    """Names and definition of every entry in a docstring's section of attributes, on its line or below its type."""
+    lines = inspect.getdoc(kind) or ""
+    _, _, section = lines.partition("Attributes\n----------\n")
+    entries: list[tuple[list[str], list[str]]] = []
+    for line in section.splitlines():
+        entry = ENTRY.match(line)
+        if entry:
+            entries.append((entry["names"].split(", "), [] if TYPE.fullmatch(entry["text"]) else [entry["text"]]))
+        elif entries and line.strip():
+            entries[-1][1].append(line.strip())
+    return [(names, _definition(" ".join(parts))) for names, parts in entries]
+
+
+def _definition(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:].removesuffix('.')}."
+
+
 SHOWN = re.compile(r"^(!\[[^\]]*\]\(picture:[^)]*\))\n+`(station [^`]*)`", re.MULTILINE)
-"""A picture of the gallery, and the command below it."""
 
 
 def commands_text(program: click.Group, gallery: str = "") -> str:
@@ -25,7 +59,6 @@ def commands_text(program: click.Group, gallery: str = "") -> str:
 
 
 def _commands(command: click.Command, context: click.Context) -> Iterator[tuple[click.Command, click.Context]]:
-    """The command and all its subcommands, in the order of the help."""
     if not isinstance(command, click.Group) or command.invoke_without_command:
         yield command, context
     if isinstance(command, click.Group):
@@ -55,5 +88,4 @@ def _section(command: click.Command, context: click.Context) -> Iterator[str]:
 
 
 def _cell(text: str) -> str:
-    """Text with `|` escaped for a table cell."""
     return " ".join(text.split()).replace("|", "\\|")

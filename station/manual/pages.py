@@ -8,11 +8,63 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
 
+from markdown_it import MarkdownIt
+from markupsafe import Markup
+from mdit_py_plugins.dollarmath import dollarmath_plugin
+
 from procedures.outcome import BadParameter
-from station.manual.formulas import plain_formulas
+
+FORMULA = re.compile(r"(```.*?```|`[^`]*`)|\$\$(.+?)\$\$|(?<!\\)\$([^$\n]+)\$", re.DOTALL)
+LETTERS = {
+    "alpha": "α", "gamma": "γ", "sigma": "σ", "Phi": "Φ", "mu": "μ", "nu": "ν", "pi": "π", "lambda": "λ", "sum": "Σ",
+    "int": "∫", "infty": "∞", "cdot": "·", "le": "≤", "ge": "≥", "approx": "≈", "ast": "*", "times": "×", "pm": "±",
+    "in": "∈", "quad": "  ", "min": "min", "left": "", "right": "", ",": "", "!": "", "|": "‖",
+}  # fmt: skip
+"""Commands of LaTeX, and what a terminal shows."""
+GROUPS = (
+    (r"\\frac\{(\w)\}\{(\w)\}", r"\1/\2"),
+    (r"\\frac\{([^{}]*)\}\{([^{}]*)\}", r"(\1)/(\2)"),
+    (r"\\sqrt\{([^{}]*)\}", r"√(\1)"),
+    (r"\\(?:mathrm|text)\{([^{}]*)\}", r"\1"),
+    (r"\\hat\{([^{}]*)\}", "\\1\u0302"),
+    (r"([_^])\{([^{}]*)\}", r"\1(\2)"),
+)
+"""Commands with arguments, the innermost first, and what a terminal shows."""
+RAISED = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def plain_formulas(text: str) -> str:
+    """A text with its formulas in plain letters."""
+    return FORMULA.sub(lambda one: one[1] or _plain((one[2] or one[3]).strip()), text)
+
+
+def _plain(formula: str) -> str:
+    before = ""
+    while before != formula:
+        before = formula
+        for pattern, replacement in GROUPS:
+            formula = re.sub(pattern, replacement, formula)
+    formula = re.sub(r"\\([A-Za-z]+|[,!|])", lambda one: LETTERS[one[1]], formula)
+    formula = re.sub(r"\^(\d)", lambda one: one[1].translate(RAISED), formula)
+    return " ".join(re.sub(r"[_^]\((\w)\)", r"_\1", formula).split())
+
+
+def add_formulas(reader: MarkdownIt) -> None:
+    """Let a reader of Markdown render formulas."""
+    reader.use(dollarmath_plugin, allow_space=False, allow_digits=False, double_inline=True)
+    for kind, display in (("math_inline", "inline"), ("math_inline_double", "block"), ("math_block", "block")):
+        reader.add_render_rule(kind, lambda _, tokens, at, *rest, display=display: _math(tokens[at].content, display))
+
+
+def _math(formula: str, display: str) -> Markup:
+    try:
+        from latex2mathml.converter import convert
+    except ImportError:
+        return Markup("<code>{}</code>").format(_plain(formula))
+    return Markup(convert(formula.strip(), display=display))
+
 
 PARTS = {"tutorial": "Tutorial", "how-to": "How to", "reference": "Reference", "explanation": "Explanation"}
-"""Folders of this package and their titles, in order."""
 WELCOME = """\
 The tutorials go through a first calibration step by step. Each how-to page has one task. The reference lists every
 command, number, file and option. The explanations define the numbers and their reliability."""
@@ -27,11 +79,8 @@ FIRST = (
 )  # fmt: skip
 """Order of the pages; others follow by title."""
 GENERATED = "<!-- drawn from the program -->"
-"""Placeholder for text generated from the program."""
 PICTURE = re.compile(r"^!\[[^\]]*\]\(picture:[^)]*\)\n+", re.MULTILINE)
-"""A picture, which pages in a browser show."""
 PAGE_LINK = re.compile(r"\[([^\]]*)\]\((?:\.\./)?(?:[\w-]+/)?([\w-]+)\.md(#[\w-]+)?\)")
-"""A link between pages: text, page name, section."""
 
 
 @dataclass(frozen=True)

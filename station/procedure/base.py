@@ -141,6 +141,11 @@ def read_picture(path: Path, encoding: str | None, read: Callable[[Path], RawFra
     """A photograph as `read` gives it, or a developed picture: in colour, or where an encoding is stated. Raises
     ProcedureError."""
     data = read_photograph(path)
+    if encoding and data[:2] in (b"P2", b"P5"):
+        if encoding != "linear":
+            reason = f"the samples of a PGM are taken as linear; {encoding} is stated for {path}"
+            raise BadParameter(reason, "omit --encoding, or save the picture as PNG or TIFF")
+        encoding = None
     if not encoding and not is_developed(data):
         with suppress(ColourInput):
             return read(path)
@@ -325,7 +330,6 @@ class PhotographProcedure(Procedure[S]):
     def measure(
         self, paths: Sequence[Path], settings: S, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
-        """Read the photographs, call `run`, and collect the planes."""
         reading = settings if isinstance(settings, PlaneSettings) else PlaneSettings()
         frames = []
         for path in paths:

@@ -32,9 +32,7 @@ class OpticsReading(PlaneSettings, frozen=True, kw_only=True):
     pixel_pitch_um: Annotated[float, setting("Of the sensor, for the diffraction limit.", least=0.1)] | None = None
     f_number: Annotated[float, setting("The aperture.  [default: as the camera noted it]", least=0.1)] | None = None
     wavelength_nm: Annotated[float, setting("[default: R 600, G 530, B 460, Y 550]", least=100)] | None = None
-    trust_typed: Annotated[
-        bool, setting("Take --f-number and --pixel-pitch-um against what the camera noted.")
-    ] = False  # fmt: skip
+    trust_typed: Annotated[bool, setting("Take --f-number and --pixel-pitch-um against what the camera noted.")] = False
 
     @property
     def optics(self) -> dict[str, Any]:
@@ -71,9 +69,7 @@ class PsfSettings(OpticsReading, frozen=True, kw_only=True):
 
     s: Annotated[int, setting("PSF samples per pixel of the plane.")] | Literal["auto"] = "auto"
     k: Annotated[int, setting("PSF samples along one side, odd.")] | Literal["auto"] = "auto"
-    solver: Annotated[
-        Literal["ls", "clip", "nnls"], setting("Least squares, cut at 0, or non-negative.")
-    ] = "ls"  # fmt: skip
+    solver: Annotated[Literal["ls", "clip", "nnls"], setting("Least squares, cut at 0, or non-negative.")] = "ls"
 
     def sampling(self) -> dict[str, Any]:
         """Arguments s, k and solver of an estimate; None where chosen from the photograph."""
@@ -91,7 +87,6 @@ class ChartPsfSettings(PsfSettings, frozen=True, kw_only=True):
     ] = None
 
     def sampling(self) -> dict[str, Any]:
-        """Arguments of an estimate with the chart."""
         return {**super().sampling(), "print_blur": self.print_blur}
 
     @property
@@ -133,7 +128,6 @@ class PsfProcedure(Procedure[P]):
     drawn_by = "psf_page:psf_page"
 
     def steps(self, paths: Sequence[Path]) -> int:
-        """Reading each photograph, and the estimate."""
         return len(paths) + 1
 
     def measurement(
@@ -156,7 +150,6 @@ class PsfProcedure(Procedure[P]):
         return True
 
     def report(self, measurement: Measurement) -> Report:
-        """Contents of the page, with photographs and detected marks."""
         from station.reports.report import measurement_report  # here: it draws, which is slow to load
 
         whole: PsfPhotographs | None = measurement.result  # None where it was read from files

@@ -17,10 +17,8 @@ if TYPE_CHECKING:
 NAME = "{name}"
 """Placeholder for the photograph's name without suffix; such files are in its folder."""
 OF_FILES = ("shape", "defocus_shape", "recorded_path", "imu", "poses")
-"""Settings whose texts name files."""
 DESCENT = ("image_weight", "depth_weight", "scheme", "depth_start", "symmetric_axis", "total_variation",
            "depth_total_variation")  # fmt: skip
-"""Parameters of the estimate."""
 SEE = "see `station restore --help`"
 
 Texts = tuple[str, ...]
@@ -126,8 +124,6 @@ class RestoreSettings(PictureSettings, frozen=True, kw_only=True):
         setting("A sharp photograph of the same scene from the same place, with which the result is compared."),
     ] = None
 
-    # --- files ---------------------------------------------------------------------------------------------------
-
     def placed(self, folder: Path) -> RestoreSettings:
         """The settings with files in a folder; those with `{name}` remain, they are in each photograph's folder."""
         texts = {key: tuple(_placed(name, folder) for name in getattr(self, key)) for key in OF_FILES}
@@ -156,8 +152,6 @@ class RestoreSettings(PictureSettings, frozen=True, kw_only=True):
         names = [part for key in OF_FILES for name in getattr(self, key) for part in _parts(name)]
         inputs = [file for name in names for file in with_record(Path(name))]
         return list(dict.fromkeys([*inputs, *([self.reference] if self.reference else [])]))
-
-    # --- consistency ---------------------------------------------------------------------------------------------
 
     @property
     def descent(self) -> dict[str, Any]:
@@ -198,7 +192,13 @@ class RestoreSettings(PictureSettings, frozen=True, kw_only=True):
         elif (self.focal_px, self.max_inverse_depth) != (None, None):
             raise _unfit("--focal-px and --max-inverse-depth go with --imu and --poses")
         elif self.prototype_region is None:
-            self._check_shapes(images)
+            if len(self.shape) not in (1, images):
+                raise _unfit(f"--shape takes one shape, or one for each of {images} images; got {len(self.shape)}")
+            for name in self.shape:
+                if self.blur != "defocus" and name.partition(":")[0] in ("pillbox", "gaussian", "polygon"):
+                    raise _unfit(
+                        f"--shape {name} is a blur of --blur defocus; --blur {self.blur} takes text arrays of motion"
+                    )
         if self.prototype_region is not None:
             self._check_region(images)
         if (self.exposure_s or self.imu_within_s) and not self.imu:
@@ -238,15 +238,6 @@ class RestoreSettings(PictureSettings, frozen=True, kw_only=True):
                 f"a flat part determines the motion of two photographs, not of {images}: give two, "
                 "or --prototype-region whole if the whole scene is flat"
             )
-
-    def _check_shapes(self, images: int) -> None:
-        if len(self.shape) not in (1, images):
-            raise _unfit(f"--shape takes one shape, or one for each of {images} images; got {len(self.shape)}")
-        for name in self.shape:
-            if self.blur != "defocus" and name.partition(":")[0] in ("pillbox", "gaussian", "polygon"):
-                raise _unfit(
-                    f"--shape {name} is a blur of --blur defocus; --blur {self.blur} takes text arrays of motion"
-                )
 
     def _check_recorded(self, images: int) -> None:
         option, records = ("--imu", self.imu) if self.imu else ("--poses", self.poses)
@@ -292,7 +283,6 @@ def _unfit(reason: str) -> BadParameter:
 
 
 def _parts(name: str) -> list[str]:
-    """The files in a text; none if it names a model of blur."""
     from procedures.restoration.masks.blur_models import named
     from station.calibration.restoration.inputs import files_in
 

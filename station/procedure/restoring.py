@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -52,9 +52,6 @@ from station.results.measurement import Measurement
 from station.results.record_head import RecordHead, files_read
 from station.results.terms import USUAL, Terms
 
-if TYPE_CHECKING:
-    from procedures.restoration.joint.result import Restoration
-
 MIN_DETERMINED = 0.3
 """Smallest fraction of the frame with a distance: there is none at depth edges, and where there is no texture."""
 
@@ -72,10 +69,15 @@ def restored(
     lenses = _lenses(settings, frames) if settings.metres else []
     blurred = _with_lenses(settings, lenses) if lenses else settings
     spec = _spec(blurred, frames, photographs)
-    for sentence in _measured_words(spec):
-        progress(sentence, 0)
+    for one in _measured(spec):
+        progress(f"measured half-width {one.half_width_px:.2f} pixels; {one.cut:.1%} negative light excluded", 0)
     blur = blur_of(spec, photographs, lambda motion: progress(_finding(motion), 0))
-    outcome = blur.restored(photographs, settings.parameters, _by_rounds(settings, progress))
+    share = 100 // (settings.parameters.scheme.rounds + 1)
+
+    def report(done: JointRound) -> None:
+        progress(f"round {done.n}: {done.what}, cost {done.cost:.4g}, residual {done.residual * 255:.3f}/255", share)
+
+    outcome = blur.restored(photographs, settings.parameters, report)
     if is_mosaic(frames[0].planes) and outcome.value is not None:
         outcome = blur.coloured(outcome, [frame.planes for frame in frames])
     distances = None
@@ -100,13 +102,11 @@ def restored(
 
 
 def _encoding(frames: Sequence[RawFrame]) -> dict[str, Any]:
-    """Tone curves of developed pictures; empty for linear samples of a sensor."""
     names = dict.fromkeys(frame.development.curve.name for frame in frames if frame.development)
     return {"encoding": " and ".join(names)} if names else {}
 
 
 def _ground_truth(settings: RestoreSettings, path: Path, frames: Sequence[RawFrame]) -> RawFrame:
-    """A photograph of the same planes. Raises BadInput where it cannot be compared with them."""
     names = list(frames[0].planes)
     plane = names[0] if len(names) == 1 else "all"
     truth = msgspec.structs.replace(settings, plane=plane).read(path)
@@ -114,21 +114,7 @@ def _ground_truth(settings: RestoreSettings, path: Path, frames: Sequence[RawFra
     return truth
 
 
-def _by_rounds(settings: RestoreSettings, progress: Progress) -> Any:
-    """Report every round of the descent as its share of the work."""
-    share = 100 // (settings.parameters.scheme.rounds + 1)
-
-    def report(done: JointRound) -> None:
-        progress(f"round {done.n}: {done.what}, cost {done.cost:.4g}, residual {done.residual * 255:.3f}/255", share)
-
-    return report
-
-
-# --- blur ---
-
-
 def _spec(settings: RestoreSettings, frames: list[RawFrame], photographs: list[Array]) -> BlurSpec:
-    """The specification of the blur, with its files read."""
     count, source = len(frames), _source(settings, frames, photographs)
     if settings.blur != "both":
         return BlurSpec(source, settings.max_w)
@@ -159,7 +145,6 @@ def _source(
 
 
 def _exposures(settings: RestoreSettings, frames: list[RawFrame]) -> list[float | None]:
-    """Exposure times in seconds, as given, or as recorded in the files."""
     return _repeated(settings.exposure_s, len(frames)) or [frame.exposure.exposure_s for frame in frames]
 
 
@@ -169,7 +154,6 @@ def _later(given: tuple[float, ...], first: float, count: int) -> tuple[float, .
 
 
 def _repeated(given: tuple[Any, ...], count: int) -> list[Any]:
-    """One value per photograph, from one for each or one for all."""
     return [*given] * (1 if len(given) == count else count)
 
 
@@ -185,15 +169,7 @@ def _measured(spec: BlurSpec) -> list[MeasuredShape]:
     return [shape for shape in shapes if isinstance(shape, MeasuredShape)]
 
 
-def _measured_words(spec: BlurSpec) -> list[str]:
-    return [
-        f"measured half-width {one.half_width_px:.2f} pixels; {one.cut:.1%} negative light excluded"
-        for one in _measured(spec)
-    ]
-
-
 def _finding(motion: Finding) -> str:
-    """An estimate of unknown motion, or a round of its search, in words."""
     if isinstance(motion, SearchRound):
         return f"search of the motion: round {motion.n} of at most {motion.most}"
     if isinstance(motion, FreeKernels):
@@ -204,9 +180,6 @@ def _finding(motion: Finding) -> str:
             "agree with the whole frame takes about a minute"
         )
     return motion.doubt or f"paths of half-width {motion.half_width:.2f} pixels in the flat part"
-
-
-# --- metres ---
 
 
 def _lenses(settings: RestoreSettings, frames: Sequence[RawFrame]) -> list[CameraSetting]:
@@ -250,7 +223,6 @@ def _distances(
     restoration: Restoration, photographs: Sequence[Array], masks: Sequence[Masks], lens: CameraSetting,
     settings: RestoreSettings,
 ) -> Distances:  # fmt: skip
-    """Depth in metres."""
     z = np.stack(photographs)
     aligned = register(z, trust_of(z), masks).z
     spread = depth_spread(restoration, list(aligned), masks)
@@ -259,15 +231,11 @@ def _distances(
 
 
 def _judged(outcome: Outcome[Restoration], distances: Distances) -> Outcome[Restoration]:
-    """The outcome, doubtful where the distance of most of the frame is undetermined."""
     if distances.determined >= MIN_DETERMINED or outcome.reason:
         return outcome
     reason = f"only {distances.determined:.0%} of the frame have a distance, as texture or blur are insufficient"
     remedy = "put structure into the scene, or open the lens"
     return replace(outcome, verdict=Verdict.DOUBTFUL, reason=reason, remedy=remedy)
-
-
-# --- record ---
 
 
 def _lens_record(settings: RestoreSettings, lenses: Sequence[CameraSetting]) -> dict[str, Any]:
@@ -282,7 +250,6 @@ def _lens_record(settings: RestoreSettings, lenses: Sequence[CameraSetting]) -> 
 
 
 def _file_record(settings: RestoreSettings) -> dict[str, Any]:
-    """The files that the settings name, with their hashes."""
     files = [
         {"path": encodable(str(path)), "sha256": hashlib.sha256(read_photograph(path)).hexdigest()}
         for path in settings.files
@@ -291,7 +258,6 @@ def _file_record(settings: RestoreSettings) -> dict[str, Any]:
 
 
 def _blur_record(settings: RestoreSettings, frames: list[RawFrame], spec: BlurSpec, blur: SceneBlur) -> dict[str, Any]:
-    """The settings of the blur, and what was estimated of it."""
     entries: dict[str, Any] = {
         "blur": settings.blur,
         "prototype_region": settings.prototype_region,

@@ -1,6 +1,5 @@
 """The JSON schema of every procedure's record, generated from its settings and the table of numbers."""
 
-import importlib
 from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -22,7 +21,7 @@ NUMBER_OR_NULL = {"type": ["number", "null"]}
 def schema_of(procedure: Procedure[Any]) -> dict[str, Any]:
     """The schema (draft 2020-12) of a procedure's `result.json`."""
     (settings,), definitions = msgspec.json.schema_components(
-        [procedure.Settings], schema_hook=_path, ref_template="#/$defs/{name}"
+        [procedure.Settings], schema_hook=lambda path: {"type": "string"}, ref_template="#/$defs/{name}"
     )
     results = {"type": "object", "additionalProperties": {"$ref": "#/$defs/plane"}}
     return {
@@ -49,11 +48,6 @@ def schema_of(procedure: Procedure[Any]) -> dict[str, Any]:
         },
         "$defs": {**definitions, **_definitions()},
     }
-
-
-def _path(kind: type) -> dict[str, Any]:
-    """Schema of a path, the only type of settings without a JSON type."""
-    return {"type": "string"}
 
 
 def _definitions() -> dict[str, Any]:
@@ -106,25 +100,24 @@ def _definitions() -> dict[str, Any]:
 
 GROUP = "station.procedures"
 BUILTIN: Mapping[str, str] = {
-    "correct": "station.procedure.builtin.correct:PROCEDURE",
-    "edge": "station.procedure.builtin.edge:PROCEDURE",
-    "field": "station.procedure.builtin.field:PROCEDURE",
-    "geometry": "station.procedure.builtin.geometry:PROCEDURE",
-    "pattern": "station.procedure.builtin.pattern:PROCEDURE",
-    "rays": "station.procedure.builtin.rays:PROCEDURE",
-    "refocus": "station.procedure.builtin.refocus:PROCEDURE",
-    "restore": "station.procedure.builtin.restore:PROCEDURE",
-    "rig": "station.procedure.builtin.rig:PROCEDURE",
-    "sensor": "station.procedure.builtin.sensor:PROCEDURE",
-    "series": "station.procedure.builtin.series:PROCEDURE",
-    "sharpen": "station.procedure.builtin.sharpen:PROCEDURE",
-    "stability": "station.procedure.builtin.stability:PROCEDURE",
-    "tilt": "station.procedure.builtin.tilt:PROCEDURE",
-    "two-photo": "station.procedure.builtin.two_photo:PROCEDURE",
-    "vignetting": "station.procedure.builtin.vignetting:PROCEDURE",
-    "witnessed": "station.procedure.builtin.witnessed:PROCEDURE",
+    "correct": "station.procedure.builtin.correct:Correct",
+    "edge": "station.procedure.builtin.edge:SlantedEdge",
+    "field": "station.procedure.builtin.field:Field",
+    "geometry": "station.procedure.builtin.geometry:CameraGeometry",
+    "pattern": "station.procedure.builtin.pattern:Pattern",
+    "rays": "station.procedure.builtin.rays:Rays",
+    "refocus": "station.procedure.builtin.refocus:Refocus",
+    "restore": "station.procedure.builtin.restore:Restore",
+    "rig": "station.procedure.builtin.rig:Rig",
+    "sensor": "station.procedure.builtin.sensor:SensorCharacterisation",
+    "series": "station.procedure.builtin.series:Series",
+    "sharpen": "station.procedure.builtin.sharpen:Sharpen",
+    "stability": "station.procedure.builtin.stability:StabilityOfPsf",
+    "tilt": "station.procedure.builtin.tilt:TiltOfSensor",
+    "two-photo": "station.procedure.builtin.two_photo:TwoPhoto",
+    "vignetting": "station.procedure.builtin.vignetting:Vignetting",
+    "witnessed": "station.procedure.builtin.witnessed:Witnessed",
 }
-"""Name -> module and object, as an entry point names them."""
 
 
 @cache
@@ -140,12 +133,16 @@ def procedure_names() -> list[str]:
 
 def procedure_named(name: str) -> Procedure[Any]:
     """The procedure of that name. Raises BadParameter if it is unknown."""
+    point = added().get(name)
     if name in BUILTIN:
-        module, _, attribute = BUILTIN[name].partition(":")
-        loaded: Any = getattr(importlib.import_module(module), attribute)
-    elif name in added():
-        loaded = added()[name].load()
-    else:
+        point = EntryPoint(name, BUILTIN[name], GROUP)
+    if point is None:
         raise BadParameter(f"there is no procedure {name!r}", f"use one of {', '.join(procedure_names())}")
+    return _loaded(point)
+
+
+@cache
+def _loaded(point: EntryPoint) -> Procedure[Any]:
+    loaded: Any = point.load()
     procedure: Procedure[Any] = loaded() if isinstance(loaded, type) else loaded
     return procedure

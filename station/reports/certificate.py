@@ -5,9 +5,15 @@ Its contents follow ISO/IEC 17025:2017, section 7.8. Uncertainties on it are exp
 """
 
 import hashlib
+import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+import cv2
+import matplotlib
+import numpy as np
+from reportlab.graphics.barcode.qrencoder import QRCode, QRErrorCorrectLevel
 
 from procedures.numbers import (
     ENCIRCLED_ENERGY_80,
@@ -22,7 +28,9 @@ from procedures.numbers import (
 from procedures.outcome import Quantity
 from station.calibration.field import field_places
 from station.common.sanitise import stated
-from station.reports.certificate_figure import curves_figure, qr_code
+from station.drawing.colours import INK, PLANE_COLOURS
+from station.drawing.plots import bare, curve, legend, picture
+from station.drawing.style import STYLE, axes_grid
 from station.reports.page import Block, Items, Note, PrintedPicture, Section, Table, html, render, sentence, small
 from station.reports.report import METHODS, Report, comparison, parameters_words
 from station.results.comparison import MEASUREMENT, SPECIFICATION
@@ -30,16 +38,60 @@ from station.results.plane_result import PlaneResult
 from station.results.result_files import RECORD, SEAL, json_text
 from station.results.units import Pixels, Unit
 
+DPI = 200
+QR_VERSION = 6
+"""41 x 41 modules: room for 106 bytes at error correction level M (ISO/IEC 18004)."""
+QR_PIXELS, QR_RIM = 6, 4
+
+
+def curves_figure(planes: Sequence[PlaneResult]) -> bytes | None:
+    """The MTF of the planes with bands of 95 %, and the PSF of the first, as PNG; None without either."""
+    drawn = [one for one in planes if "frequency" in one.curves and _names(one)]
+    sampled = next((one for one in planes if one.samples is not None), None)
+    if not drawn:
+        return None
+    figure, axes = axes_grid(6.9, 1.9, 1, 2, rim_in=(0.58, 0.1, 0.42, 0.24), width_ratios=(3, 1), wspace=0.1)
+    left, right = axes[0]
+    for plane in drawn:
+        for name, dashes in zip(_names(plane), ("-", "--"), strict=False):
+            colour = PLANE_COLOURS.get(plane.name, INK)
+            x, y = plane.curves["frequency"], plane.curves[name]
+            curve(left, x, y, plane.curves.get(f"{name}_uncertainty"), colour=colour, ls=dashes,
+                  label=f"{plane.name} {name}" if name != "mtf" else plane.name)  # fmt: skip
+    left.set(xlabel=f"frequency, {drawn[0].unit}", ylabel="MTF", xlim=(0, None), ylim=(0, 1.05))
+    legend(left, "upper right", fontsize=7)
+    bare(right)
+    if sampled is not None and sampled.samples is not None:
+        picture(right, sampled.samples)
+        right.set_title(f"PSF, {sampled.name}")
+    data = io.BytesIO()
+    with matplotlib.rc_context(STYLE):
+        figure.savefig(data, format="png", dpi=DPI, metadata={"Software": None})
+    return data.getvalue()
+
+
+def _names(plane: PlaneResult) -> list[str]:
+    return [one for one in ("horizontal", "vertical", "mtf") if one in plane.curves]
+
+
+def qr_code(text: str) -> bytes:
+    """A text as a QR code (ISO/IEC 18004), PNG."""
+    code = QRCode(QR_VERSION, QRErrorCorrectLevel.M)
+    code.addData(text)
+    code.make()
+    modules = np.pad(np.array(code.modules, dtype=bool), QR_RIM)
+    image = np.where(np.kron(modules, np.ones((QR_PIXELS, QR_PIXELS), dtype=bool)), 0, 255).astype(np.uint8)
+    return cv2.imencode(".png", image)[1].tobytes()
+
+
 PAGE, PRINT = "certificate.html", "certificate.pdf"
 COVERAGE_FACTOR = 2
 VALIDITY = {
     "edge": "The numbers are of the MTF across each plane's best edge, photosite included, at its place of the frame",
     "field": "The numbers are of the whole PSF, photosite included, at the frame's centre or over the frame",
 }
-"""Validity of the numbers of a procedure."""
 HERE = "The numbers are of the whole PSF, photosite included, at this place of the frame"
 AT_PLACES = (MTF50_SAGITTAL, MTF50_MERIDIONAL, MTF_NYQUIST[RADIAL], ENCIRCLED_ENERGY_80)
-"""Numbers that a certificate has at places of the frame."""
 ASKED = ("mtf_at_", "projection_uncertainty_")
 """Beginnings of the names of numbers that depend on what was asked for."""
 MAX_LIMITS = 10
@@ -104,7 +156,6 @@ def _curves(planes: Sequence[PlaneResult]) -> list[Block]:
 
 
 def _record(report: Report) -> list[Block]:
-    """The digest of the record, as text and as a code."""
     if not report.record:
         return []
     how = f"Record, SHA-256 {report.record}. station verify compares this certificate with its record and originals."
@@ -117,7 +168,6 @@ def _coloured(verdict: str, words: str) -> str:
 
 
 def _limits(planes: Sequence[PlaneResult]) -> list[Block]:
-    """Limits and judgements, those that are not met first; what exceeds the room is counted."""
     limits = [(plane.name, one) for plane in planes for one in comparison(plane).in_short]
     limits.sort(key=lambda one: list(SPECIFICATION).index(str(one[1].judged)), reverse=True)
     words = [f"{name}: {one.words}" for name, one in limits[:MAX_LIMITS]]
@@ -146,7 +196,6 @@ def number_table(planes: Sequence[PlaneResult]) -> Table:
 
 
 def _over_the_frame(report: Report) -> list[Section]:
-    """Numbers at the centre, the sides and the corners of the frame, in each plane with a field."""
     blocks: list[Block] = []
     for plane in report.planes:
         if (field := report.fields.get(plane.name)) is None:
@@ -174,7 +223,6 @@ def _footnote(report: Report) -> str:
 
 
 def _shots(report: Report) -> list[list[str]]:
-    """Photographs with their hashes; what exceeds the room is counted."""
     rest = len(report.shots) - MAX_SHOTS
     names = ["/".join(shot.file.split("/")[-2 if shot.file.endswith(RECORD) else -1 :]) for shot in report.shots]
     rows = [[name, f"SHA-256 {shot.sha256}"] for name, shot in zip(names, report.shots[:MAX_SHOTS], strict=False)]

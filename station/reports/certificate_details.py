@@ -1,4 +1,4 @@
-"""Details of a certificate that no photograph holds: laboratory, customer, serial numbers, dates, authoriser.
+"""A certificate's signature, and its details that no photograph holds: laboratory, customer, serial numbers, dates.
 
 ```toml
 laboratory = "Optics laboratory"
@@ -10,16 +10,21 @@ signing_key = "laboratory.pem"      # beside this file
 ```
 """
 
+import hashlib
+from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self
 
 from station.common.models import TableSource, read_model
 from station.common.sanitise import printable
-from station.common.signature import ALGORITHM, public_key
+from station.common.signature import ALGORITHM, public_key, sign
+
+STATEMENT, SIGNATURE = "certificate.sha256", "certificate.sha256.sig"
+
 
 DETAILS = "certificate.toml"
-"""Name of the file that is used if none is given."""
 
 
 @dataclass(frozen=True)
@@ -53,10 +58,8 @@ class CertificateDetails:
 
     @classmethod
     def read(cls, path: Path | None = None) -> Self:
-        """The details in a file; of certificate.toml in the current folder if there is one and no file is given.
-
-        Raises BadParameter if the file, the logo or the signing key cannot be read, or a key or a value is not valid.
-        """
+        """The details in a file; of certificate.toml in the current folder if there is one and no file is given. Raises
+        BadParameter if the file, the logo or the signing key cannot be read, or a key or a value is not valid."""
         if path is None and not Path(DETAILS).is_file():
             return cls()
         given, source = TableSource.read(path or Path(DETAILS))
@@ -92,3 +95,28 @@ class CertificateDetails:
         if self.signing_key:
             named["Electronic signature"] = f"{ALGORITHM}, public key {public_key(Path(self.signing_key))}"
         return [[name, printable(text)] for name, text in named.items() if text]
+
+
+def signature_files(files: Mapping[str, bytes], record: str, details: CertificateDetails) -> dict[str, bytes]:
+    """Statement and signature of files, by name; nothing without a key. Raises BadInput."""
+    if not details.signing_key:
+        return {}
+    key = Path(details.signing_key)
+    head = {"signed by": details.signer, "public key": public_key(key), "record": record}
+    lines = [f"# {name}: {words}" for name, words in head.items()]
+    lines += [f"{hashlib.sha256(data).hexdigest()}  {name}" for name, data in files.items()]
+    statement = "".join(f"{line}\n" for line in lines).encode()
+    return {STATEMENT: statement, SIGNATURE: sign(statement, key)}
+
+
+def read_statement(statement: bytes) -> dict[str, str]:
+    """Signer, public key and record of a statement, and hashes by file; what it lacks is empty."""
+    entries: dict[str, str] = defaultdict(str)
+    for line in statement.decode("utf-8", "replace").splitlines():
+        if line.startswith("# "):
+            name, _, words = line[2:].partition(": ")
+            entries[name] = printable(words)
+        else:
+            digest, _, name = line.partition("  ")
+            entries[name] = digest
+    return entries

@@ -18,8 +18,7 @@ from reportlab.platypus import Table as PrintedTable
 
 from station.drawing import colours
 from station.reports.certificate import PAGE, PRINT, certificate_page, certificate_sections, record_digest
-from station.reports.certificate_details import CertificateDetails
-from station.reports.certificate_signature import signature_files
+from station.reports.certificate_details import CertificateDetails, signature_files
 from station.reports.page import SMALL_MM, Block, Items, Note, PrintedPicture, Table
 from station.reports.report import Report
 from station.results.result_files import ResultFolder
@@ -99,7 +98,6 @@ def write_certificate(
 
 
 def _printed(block: Block) -> Iterator[Any]:
-    """A block as elements of reportlab."""
     if isinstance(block, Note):
         yield _paragraph(block.text, SMALL)
     elif isinstance(block, Items):
@@ -140,7 +138,6 @@ def _coloured(match: re.Match[str]) -> str:
 
 
 def _letters(text: str) -> str:
-    """The text in letters that every PDF reader has a font for."""
     for letter, replacement in REPLACEMENTS.items():
         text = text.replace(letter, replacement)
     return text.encode("cp1252", "replace").decode("cp1252")

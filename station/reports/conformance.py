@@ -114,9 +114,6 @@ def conformance_page(record: Mapping[str, Any]) -> str:
     )  # fmt: skip
 
 
-# --- checks ---
-
-
 def check_conformance(folder: Path, key: Path | None = None) -> Iterator[ProofCheck]:
     """Compare record, page, signature and driver; with a key, the signature must be its own. Raises BadInput."""
     try:

@@ -94,7 +94,6 @@ def _before(frame: RawFrame) -> Single:
 
 
 def _moved(samples: Single, origin: tuple[int, int], shape: tuple[int, int]) -> Single:
-    """A plane on the sensor's grid, linear between its samples."""
     to_plane = np.array([[0.5, 0, -origin[0] / 2], [0, 0.5, -origin[1] / 2]])
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     return np.asarray(

@@ -1,7 +1,5 @@
-"""The part of a page that a script makes: place by place the PSF, MTF and budget; units; other results; limits.
-
-The page is complete without it. The script is `templates/explore.js`; what it draws is in the page as JSON.
-"""
+"""The part of a page that a script makes: place by place the PSF, MTF and budget; units; other results; limits. The
+page is complete without it. The script is `templates/explore.js`; what it draws is in the page as JSON."""
 
 import base64
 import json
@@ -11,22 +9,19 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from markupsafe import Markup
 
 from procedures.choice import TERMS
 from procedures.numbers import label
+from procedures.numerics.arrays import Array
 from procedures.outcome import Quantity
 from station.drawing.colours import INK, PLANE_COLOURS
 from station.reports.report import Report, comparison
 from station.results.plane_result import PlaneResult
 from station.results.units import pixels_of
 
-Array = npt.NDArray[np.float64]
 DRAWN = ("frequency", "horizontal", "vertical", "mtf")
-"""Curves that are drawn, over the first."""
 MAX_POINTS = 101
-"""Largest number of points of a curve."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +73,6 @@ def _uncertain(numbers: Mapping[str, Quantity]) -> dict[str, Quantity]:
 
 
 def _pitch_um(report: Report) -> float | None:
-    """The pitch of the sensor's pixels, as given or recorded by the camera."""
     exposures = [*(frame.exposure for frame in report.frames), *(plane.exposure for plane in report.planes)]
     recorded = (exposure.pixel_pitch_um for exposure in exposures if exposure is not None)
     given = report.parameters.get("pixel_pitch_um")
@@ -86,7 +80,6 @@ def _pitch_um(report: Report) -> float | None:
 
 
 def _plane_entry(plane: PlaneResult, report: Report, spots: ExploredPlaces | None) -> dict[str, Any]:
-    """The plane in cycles per pixel."""
     height = min(spots.shape) if spots else None
     if report.frames and plane.name in report.frames[0].planes:
         height = pixels_of(report.frames[0])[plane.name].height
@@ -99,7 +92,14 @@ def _plane_entry(plane: PlaneResult, report: Report, spots: ExploredPlaces | Non
         "name": plane.name, "colour": PLANE_COLOURS.get(plane.name, INK), "pitch": plane.pitch, "height": height,
         "numbers": _numbers(plane.numbers, budgets, plane), "curves": _curves(plane.curves, plane.factor),
         "limits": limits, "shape": spots and spots.shape,
-        "spots": [_spot_entry(place) for place in spots.places] if spots else [],
+        "spots": [
+            {
+                "x": round(spot.x, 1), "y": round(spot.y, 1), "inside": spot.inside,
+                "numbers": _numbers(spot.numbers, spot.budgets), "curves": _curves(spot.curves, 1.0),
+                "psf": _psf_entry(spot.samples, spot.s),
+            }
+            for spot in (spots.places if spots else ())
+        ],
         "psf": None if plane.psf is None else _psf_entry(plane.psf.h, plane.psf.s),
     }  # fmt: skip
 
@@ -133,16 +133,7 @@ def _curves(curves: Mapping[str, Array], factor: float) -> dict[str, list[float]
     }
 
 
-def _spot_entry(spot: ExploredPlace) -> dict[str, Any]:
-    return {
-        "x": round(spot.x, 1), "y": round(spot.y, 1), "inside": spot.inside,
-        "numbers": _numbers(spot.numbers, spot.budgets), "curves": _curves(spot.curves, 1.0),
-        "psf": _psf_entry(spot.samples, spot.s),
-    }  # fmt: skip
-
-
 def _psf_entry(samples: Array, s: int) -> dict[str, Any]:
-    """The square root of the samples in 256 levels."""
     levels = np.rint(255 * np.sqrt(np.clip(samples / samples.max(), 0, 1))).astype(np.uint8)
     return {"levels": base64.b64encode(levels.tobytes()).decode(), "s": s}
 

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 
+from procedures.numerics.arrays import Array
 from procedures.psf import Psf
 from procedures.quality import Diffraction, Quality, frequencies
 from procedures.transfer_function import Otf, mtf_map, phase_along
@@ -15,14 +15,10 @@ from station.drawing.colours import ALONG, FAINT, INK, LIMIT_COLOUR
 from station.drawing.plots import DASHED, DOTTED, Figure, curve, drawn, finished, legend, picture, plot_axes
 from station.drawing.style import axes_grid, title_along
 
-Array = npt.NDArray[np.float64]
-
 MAX_PHASE_ERROR_DEG = 5.0
 """Standard uncertainty of the phase up to which it is drawn."""
 DASHES = ((5, 2), (3, 1, 1, 1), (1, 1.5))
-"""Dashes of other results, in turn."""
 MAX_NAME = 24
-"""Characters of another result's name in the legend."""
 MAP_SIZE = 81
 CONTOURS = (0.1, 0.5)
 
@@ -43,19 +39,14 @@ class FrequencyAxis:
 PER_PIXEL = FrequencyAxis()
 
 
-# --- MTF along one frequency ---
-
-
 def mtf_figure(
     quality: Quality, truth: Otf | None, name: str, limit: Diffraction | None = None, axis: FrequencyAxis = PER_PIXEL,
     others: Mapping[str, Mapping[str, Array]] | None = None,
 ) -> Figure:  # fmt: skip
     """MTF along both axes with 95 % bands; with the true transfer function, the difference below.
 
-    limit : Diffraction, optional
-        The diffraction limit, which is drawn too.
-    others : mapping of name to columns, optional
-        Curves of other results in the same unit: horizontal and vertical, or mtf across an edge.
+    limit : the diffraction limit, which is drawn too
+    others : curves of other results in the same unit: horizontal and vertical, or mtf across an edge
     """
     f, shown = quality.frequencies, quality.frequencies * axis.factor
     curves = {
@@ -147,9 +138,6 @@ def _frequency_axis(axes: Axes, f: Array, axis: FrequencyAxis, *, bottom: bool =
         axes.set_xlabel(axis.unit)
 
 
-# --- phase ---
-
-
 def phase_figure(psf: Psf, name: str, axis: FrequencyAxis = PER_PIXEL) -> Figure:
     """Phase of the OTF along both axes with 95 % bands, up to `MAX_PHASE_ERROR_DEG`."""
     f = frequencies(psf)
@@ -170,9 +158,6 @@ def phase_figure(psf: Psf, name: str, axis: FrequencyAxis = PER_PIXEL) -> Figure
         f"Phase of the OTF about the PSF’s centre, where its uncertainty is below {MAX_PHASE_ERROR_DEG:g}°. A straight "
         "line is a shift of the light from the centre; bends are asymmetry, as of coma.",
     )  # fmt: skip
-
-
-# --- two dimensions ---
 
 
 def mtf_map_figure(psf: Psf, name: str, limit: Diffraction | None = None, axis: FrequencyAxis = PER_PIXEL) -> Figure:

@@ -1,7 +1,5 @@
-"""Pages: lists of sections, drawn by one template into one HTML file that needs no network.
-
-A page shows everything without scripts. The small scripts in it sort tables, and let one explore the numbers.
-"""
+"""Pages: lists of sections, drawn by one template into one HTML file that needs no network. A page shows everything
+without scripts. The small scripts in it sort tables, and let one explore the numbers."""
 
 import base64
 from collections.abc import Iterable, Mapping, Sequence
@@ -181,9 +179,6 @@ def _environment() -> jinja2.Environment:
     return environment
 
 
-# --- texts ---
-
-
 def marked(text: Text) -> Markup:
     """A text as HTML: escaped unless it is Markup, and code between backticks."""
     if isinstance(text, Markup):
@@ -272,9 +267,6 @@ def exposure_words(exposure: Exposure) -> str:
         f"{exposure.focal_length_mm:g} mm" if exposure.focal_length_mm else "",
     ]
     return ", ".join(word for word in words if word)
-
-
-# --- blocks of several pages ---
 
 
 def causes(judged: WithVerdict, before: Text = "") -> list[Block]:

@@ -34,19 +34,14 @@ from station.drawing.style import CONFIDENT, STYLE, axes_grid
 Array = npt.NDArray[np.float64]
 
 SURROUND_CELLS = 20
-"""Cells shown around the chart's frame."""
 RESIDUAL_LIMIT = 4.0
 """Residuals are drawn from minus to plus this many standard deviations of the noise."""
 ODD_COLOURS = matplotlib.colormaps["RdBu_r"].resampled(255)
 """An odd number of colours: zero has one of its own."""
 MAX_SIDE_PX = 480
-"""Larger photographs are drawn smaller."""
 MIN_POWER = -5.0
 """Lowest power of ten of its peak to which a PSF is drawn."""
 BELOW = (0, -0.27, 1, 0.045)
-"""Place of a colour bar below a picture."""
-
-# --- the photograph ---
 
 
 def _square(registration: Registration, low: float, high: float) -> Array:
@@ -105,11 +100,7 @@ def pair_figure(near: Plane, outline: Array, name: str) -> Figure:
     return finished(axes, name, caption, xlabel=f"pixels of {near.name}")
 
 
-# --- the PSF ---
-
-
 def _draw_psf(axes: Axes, psf: Psf, samples: Array, title: str, **looks: Any) -> Any:
-    """Samples of a PSF over pixels of the plane, with a colour bar below, which is returned."""
     half = (psf.k / 2) / psf.s
     ticks = (-2, 0, 2) if half >= 2 else (-1, 0, 1)
     bar = picture(axes, samples, extent=(-half, half, half, -half), bar=BELOW, **looks)
@@ -177,9 +168,6 @@ def kernel_figure(kernel: Array, name: str) -> Figure:
     return finished(axes, name, "The kernel that turns the near photograph into the far one.", xticks=[], yticks=[])
 
 
-# --- several photographs ---
-
-
 def places_figure(outlines: Sequence[Array], name: str) -> Figure:
     """Outlines (n, 2) of the charts, in fractions of the frame."""
     axes = frame_axes(3.4, (1000, 1500), (0.05, 0.05, 0.1, 0.1))
@@ -222,7 +210,6 @@ def sigmas_figure(rows: Rows, name: str) -> Figure:
 
 
 def _rows_axes(rows: Rows) -> Axes:
-    """A line for each photograph, the first on top, its planes one below the other."""
     axes = plot_axes(3.4, 2.5, (1.42, 0.1, 0.42, 0.05))
     for number, (_, by_plane) in enumerate(rows):
         for i, (plane, values) in enumerate(by_plane.items()):
@@ -234,9 +221,6 @@ def _rows_axes(rows: Rows) -> Axes:
     axes.tick_params(left=False)
     axes.spines["left"].set_visible(False)
     return axes
-
-
-# --- restorations and corrections ---
 
 
 def map_figure(

@@ -5,17 +5,17 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 from markupsafe import Markup
 
-from procedures.choice import TERMS, Trial
+from procedures.choice import TERMS
 from procedures.numbers import RESIDUAL_STD, Group, in_group, label
+from procedures.numerics.arrays import Array
 from procedures.outcome import Outcome
 from procedures.pattern_psf.combine import CombinedPsf
 from procedures.pattern_psf.estimate import PatternPsf
 from procedures.physics.estimate import Physics
 from procedures.quality import Quality
-from procedures.raw import Plane, RawFrame
+from procedures.raw import Plane
 from procedures.transfer_function import radial_profile
 from procedures.two_photo.estimate import TwoPhotoPsf
 from station.common.sanitise import stated
@@ -43,8 +43,6 @@ from station.reports.report import Report
 from station.reports.report_page import curves_over, report_page
 from station.results.overlay import Overlay
 from station.results.plane_result import PlaneResult
-
-Array = npt.NDArray[np.float64]
 
 NEGLIGIBLE = 0.05
 """Share of the uncertainty below which a term of the budget is not shown."""
@@ -85,7 +83,7 @@ def _plane_blocks(plane: PlaneResult, report: Report, name: str) -> list[Block]:
     leading, figures = _psf_figures(plane, report.overlays, name)
     estimate = plane.estimate.shots[0] if isinstance(plane.estimate, CombinedPsf) else plane.estimate
     if isinstance(estimate, TwoPhotoPsf) and len(report.frames) > 1:
-        near, far = _near_and_far(estimate, report.frames, plane.name)
+        near, far = (report.frames[i].planes[plane.name] for i in ((1, 0) if estimate.swapped else (0, 1)))
         leading.insert(0, psf_figures.pair_figure(near, estimate.warp.forward(_outline(far)), f"{name}-pair"))
     if isinstance(estimate, PatternPsf) and report.frames:
         chart, *fit = chart_figures(report.frames[0].planes[plane.name], estimate, name)
@@ -102,16 +100,20 @@ def _plane_blocks(plane: PlaneResult, report: Report, name: str) -> list[Block]:
             )
         )
     if plane.choice:
-        blocks += _choice(plane.choice)
+        rows = []
+        for trial in plane.choice:
+            mtf50 = ["—" if one is None else f"{one:.4f}" for one in trial.mtf50]
+            sizes = [f"{trial.uncertainty:.4f}", f"{trial.truncation:.4f}", f"{trial.band_edge:.3f}"]
+            rows.append([str(trial.s), str(trial.k), *mtf50, *sizes, sentence(trial.reason)])
+        head = ["s", "k", "MTF50 along rows", "MTF50 along columns", "uncertainty of the OTF",
+                "truncation by the support", "OTF at the band’s edge", "result"]  # fmt: skip
+        last = Note("The last line gives all numbers.")
+        blocks += [Heading("Choice of s and k"), Table(rows, head, "nnnnnnnr"), last]
     checks = [*_halves(plane), *_edges(plane), *_physics(plane.physics)]
     return [*blocks, Figures(checks)] if checks else blocks
 
 
-# --- figures ---
-
-
 def _psf_figures(plane: PlaneResult, overlays: Sequence[Overlay], name: str) -> tuple[list[Figure], list[Figure]]:
-    """PSF and MTF for the summary, and the figures of the plane's section."""
     if plane.psf is None:
         return [], []
     axis = otf_figures.FrequencyAxis(str(plane.unit), plane.factor)
@@ -145,20 +147,12 @@ def chart_figures(photograph: Plane, estimate: PatternPsf, name: str) -> list[Fi
     ]
 
 
-def _near_and_far(estimate: TwoPhotoPsf, frames: Sequence[RawFrame], name: str) -> tuple[Plane, Plane]:
-    near, far = (frames[i].planes[name] for i in ((1, 0) if estimate.swapped else (0, 1)))
-    return near, far
-
-
 def _outline(plane: Plane) -> Array:
     """A plane's outline, closed, (n, 2), in its pixels (x, y)."""
     rows, columns = plane.samples.shape
     corners = np.array([[0, 0], [columns, 0], [columns, rows], [0, rows], [0, 0]]) - 0.5
     t = np.linspace(0, 1, 17)[:, None]
     return np.concatenate([a + t * (b - a) for a, b in pairwise(corners)])
-
-
-# --- tables ---
 
 
 def budget_terms(quality: Quality) -> list[str]:
@@ -193,17 +187,6 @@ def _budget(quality: Quality) -> list[Block]:
     return [Heading("Uncertainty budget"), Table(rows, head, style="budget"), Note(note)]
 
 
-def _choice(trials: Sequence[Trial]) -> list[Block]:
-    rows = []
-    for trial in trials:
-        mtf50 = ["—" if one is None else f"{one:.4f}" for one in trial.mtf50]
-        sizes = [f"{trial.uncertainty:.4f}", f"{trial.truncation:.4f}", f"{trial.band_edge:.3f}"]
-        rows.append([str(trial.s), str(trial.k), *mtf50, *sizes, sentence(trial.reason)])
-    head = ["s", "k", "MTF50 along rows", "MTF50 along columns", "uncertainty of the OTF", "truncation by the support",
-            "OTF at the band’s edge", "result"]  # fmt: skip
-    return [Heading("Choice of s and k"), Table(rows, head, "nnnnnnnr"), Note("The last line gives all numbers.")]
-
-
 def _halves(plane: PlaneResult) -> list[Figure]:
     rows = [
         [small(label(variation.name), f"{variation.halves[0]} half, {variation.halves[1]} half of the chart"),
@@ -233,7 +216,6 @@ def _edges(plane: PlaneResult) -> list[Figure]:
 
 
 def _physics(outcome: Outcome[Physics] | None) -> list[Figure]:
-    """The parts of the best physical model of the PSF."""
     if outcome is None:
         return []
     rows: list[list[str]] = [["", reason_words(outcome)]] if outcome.reason else []

@@ -13,21 +13,16 @@ from station.reports.page import Figures, Section, image, page
 Linear = npt.NDArray[np.floating]
 
 CLOSE_UP_PX = 48
-"""Side of a detail, pixels of the render."""
 
 
 @dataclass(frozen=True, eq=False)
 class RenderRow:
     """One render on the page.
 
-    title : str
-        Heading.
-    pictures : tuple of (caption, (rows, columns, 3))
-        Linear pictures of one size.
-    similar : (rows, columns)
-        Similar patches found per pixel.
-    facts : tuple of str
-        Sentences below.
+    title : heading
+    pictures : (rows, columns, 3), linear pictures of one size
+    similar : (rows, columns), similar patches found per pixel
+    facts : sentences below
     """
 
     title: str
@@ -56,7 +51,6 @@ def _strip(pictures: Sequence[tuple[str, Linear]]) -> Figures:
 
 
 def _strips(row: RenderRow | StripRow) -> Iterator[Sequence[tuple[str, Linear]]]:
-    """The strips of a row; of a render the whole picture, then the same pictures close up."""
     if isinstance(row, StripRow):
         yield from row.strips
         return
@@ -84,7 +78,6 @@ def close_ups(noisy: Linear, filtered: Linear, similar: Linear) -> list[tuple[st
 
 
 def _peak(values: npt.NDArray[np.floating]) -> tuple[int, int]:
-    """First row and column of the window with the greatest mean."""
     side = [min(CLOSE_UP_PX, n) for n in values.shape]
     sums = np.pad(values, ((1, 0), (1, 0))).cumsum(0).cumsum(1)
     windows = sums[side[0] :, side[1] :] - sums[: -side[0], side[1] :] - sums[side[0] :, : -side[1]]

@@ -7,7 +7,7 @@ from typing import Any
 from procedures.numbers import NUMBERS, label
 from procedures.outcome import Miss
 from procedures.psf_field import PsfField
-from procedures.raw import Exposure, RawFrame
+from procedures.raw import RawFrame
 from station.common.sanitise import printable
 from station.common.versions import software
 from station.reports.certificate_details import CertificateDetails
@@ -23,9 +23,7 @@ from station.results.terms import specification_verdict
 
 PAGE = "report.html"
 ORDER = ("pass", "doubtful", "refused")
-"""Verdicts of measurements, the best first."""
 MOST_PARAMETERS, LONGEST = 60, 200
-"""Parameters that a page lists, and characters of the longest."""
 METHODS = {
     "pattern": "M. Delbracio, P. Musé, A. Almansa: Non-parametric Sub-pixel Local Point Spread Function Estimation. "
     "Image Processing On Line 2, 2012. doi:10.5201/ipol.2012.admm-nppsf",
@@ -35,7 +33,6 @@ METHODS = {
     "two-photo": "M. Delbracio, A. Almansa, P. Musé: Recovering the Subpixel PSF from Two Photographs at Different "
     "Distances. Image Processing On Line 3, 2013. doi:10.5201/ipol.2013.77",
 }
-"""The publication of each procedure that measures sharpness."""
 
 
 @dataclass(frozen=True)
@@ -162,21 +159,38 @@ def numbers_of_page(plane: PlaneResult) -> list[tuple[str, Any]]:
     return [*((label(name, plane.unit), plane.numbers[name]) for name in names), *plain]
 
 
-# --- from measurements ---
-
-
 def measurement_report(
     measurement: Measurement, procedure: str, *, title: str = "", method: str = "", frames: Sequence[RawFrame] = ()
 ) -> Report:
     """The report of a measurement."""
     numbers = [NUMBERS_FILE] if any(plane.numbers for plane in measurement.planes) else []
+    camera = ", ".join(printable(one) for one in (measurement.exposure.camera, measurement.exposure.lens) if one)
+    inputs = measurement.head.input
+    first = inputs[0].path.rpartition("/")[2] if inputs else RECORD
+    shots = [
+        ReportShot(
+            printable(frame.path), frame.sha256, exposure_words(frame.exposure),
+            printable(frame.exposure.captured_at or ""),
+        )
+        for frame in frames
+    ]  # fmt: skip
+    exposure = measurement.exposure
+    distance = exposure.subject_distance_mm
+    noted = {
+        "Camera": exposure.camera,
+        "Lens": exposure.lens,
+        "Exposure": exposure_words(exposure),
+        "Distance recorded by the camera": f"{distance:.0f} mm" if distance else "",
+        "Taken": exposure.captured_at,
+    }
+    conditions = [ReportLine(name, printable(words)) for name, words in noted.items() if words]
     return Report(
-        subject=_subject(measurement, title),
+        subject=camera or (title if first == RECORD else printable(first)),
         procedure=procedure,
         planes=measurement.planes,
-        shots=[shot_of(one) for one in frames] or [ReportShot(one.path, one.sha256) for one in measurement.head.input],
+        shots=shots or [ReportShot(one.path, one.sha256) for one in inputs],
         parameters=measurement.head.parameters,
-        conditions=[*exposure_lines(measurement.exposure), *environment_lines(measurement.head.environment)],
+        conditions=[*conditions, *environment_lines(measurement.head.environment)],
         specification=measurement.terms.specification.title,
         overlays=measurement.overlays,
         frames=frames,
@@ -203,30 +217,3 @@ def environment_lines(environment: Mapping[str, Any] | None) -> Iterator[ReportL
     for probe, quantities in (environment or {}).items():
         for name, entry in quantities.items():
             yield ReportLine(printable(f"{name} ({probe})"), printable(condition_words(entry)))
-
-
-def _subject(measurement: Measurement, title: str) -> str:
-    """Camera and lens, else the name of the first input, else the title."""
-    camera = ", ".join(printable(one) for one in (measurement.exposure.camera, measurement.exposure.lens) if one)
-    inputs = measurement.head.input
-    first = inputs[0].path.rpartition("/")[2] if inputs else RECORD
-    return camera or (title if first == RECORD else printable(first))
-
-
-def shot_of(frame: RawFrame) -> ReportShot:
-    """A photograph with what its file states."""
-    taken = printable(frame.exposure.captured_at or "")
-    return ReportShot(printable(frame.path), frame.sha256, exposure_words(frame.exposure), taken)
-
-
-def exposure_lines(exposure: Exposure) -> list[ReportLine]:
-    """Metadata of the first photograph."""
-    distance = exposure.subject_distance_mm
-    noted = {
-        "Camera": exposure.camera,
-        "Lens": exposure.lens,
-        "Exposure": exposure_words(exposure),
-        "Distance recorded by the camera": f"{distance:.0f} mm" if distance else "",
-        "Taken": exposure.captured_at,
-    }
-    return [ReportLine(name, printable(words)) for name, words in noted.items() if words]

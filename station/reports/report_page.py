@@ -4,10 +4,10 @@ from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
-import numpy.typing as npt
 from markupsafe import Markup
 
 from procedures.numbers import Group, in_group
+from procedures.numerics.arrays import Array
 from station.drawing.colours import PLANE_COLOURS
 from station.drawing.plots import Figure, curve, finished, legend, plot_axes
 from station.reports.explore import ExploredPlaces, explorer
@@ -36,9 +36,7 @@ from station.results.overlay import Overlay
 from station.results.plane_result import PlaneResult
 from station.results.units import Pixels, Unit
 
-Array = npt.NDArray[np.float64]
 SUMMARY_FIGURES = 3
-"""Curves beside the verdict."""
 MAX_WHOLE_ROWS = 12
 """Inputs that stay on one sheet of paper."""
 DRIFT = (
@@ -101,8 +99,14 @@ def report_page(
         links = [html('<a href="{}"><code>{}</code></a>', file, file) for file in report.files]
         files = html("<p>{}</p>", Markup(", ").join(links))
         sections.append(Section("The files beside this page", [files], closing=True))
-    title, explored = f"{report.subject}: {report.headline}", explorer(report, spots)
-    return page(title, [*sections, _citation(report)], explored=explored)
+    version = report.software.get("version")
+    cited = (
+        f"Measured with calibration-station{f' {version}' if version else ''}, procedure “{report.procedure}”; "
+        "photographs and parameters as under Provenance."
+    )
+    method = [f"The method: {report.method}."] if report.method else []
+    sections.append(Section("How to cite", [cited, *method], closing=True))
+    return page(f"{report.subject}: {report.headline}", sections, explored=explorer(report, spots))
 
 
 def _head(report: Report, summary: Sequence[Block]) -> Section:
@@ -130,7 +134,6 @@ def _large(verdict: str, words: str) -> Markup:
 
 
 def _main_numbers(report: Report) -> list[Block]:
-    """The numbers that are stated with the verdict: large for a single plane, else a table."""
     names = [name for one in report.planes for name in (*one.numbers, *one.values)]
     numbers = in_group(Group.LINE, names)
     more = [one for one in in_group(Group.HEADLINE, names) if one not in numbers]
@@ -155,7 +158,6 @@ def _main_numbers(report: Report) -> list[Block]:
 
 
 def _numbers(plane: PlaneResult) -> list[Block]:
-    """All numbers of a plane, with intervals if some have one."""
     numbers = numbers_of_page(plane)
     if not numbers:
         return []
@@ -166,8 +168,7 @@ def _numbers(plane: PlaneResult) -> list[Block]:
             rows.append([words, f"{one:.3f}", "", *([""] if intervals else [])])
             continue
         interval = [f"{one.low:.5g} to {one.high:.5g}".replace("-", "−") if hasattr(one, "low") else ""]
-        rows.append([small(words, one.method), value_of(one), shown_unit(one),
-                     *(interval if intervals else [])])  # fmt: skip
+        rows.append([small(words, one.method), value_of(one), shown_unit(one), *(interval if intervals else [])])
     head = ["number", "value ± standard uncertainty", "unit", *(["95 % interval"] if intervals else [])]
     return [Heading("Numbers"), Table(rows, head, "wnun", "numbers")]
 
@@ -193,26 +194,12 @@ def _provenance(report: Report) -> Section:
     return Section("Provenance", [*blocks, Note(f"{', '.join(made)}."), *took], closing=len(rows) <= MAX_WHOLE_ROWS)
 
 
-def _citation(report: Report) -> Section:
-    version = report.software.get("version")
-    words = (
-        f"Measured with calibration-station{f' {version}' if version else ''}, procedure “{report.procedure}”; "
-        "photographs and parameters as under Provenance."
-    )
-    return Section("How to cite", [words, *([f"The method: {report.method}."] if report.method else [])], closing=True)
-
-
-# --- curves ---
-
-
 def _curves(report: Report) -> list[str]:
-    """Names of the curves, which are functions of the first column."""
     names = (name for plane in report.planes for name in list(plane.curves)[1:] if not name.endswith("_uncertainty"))
     return list(dict.fromkeys(names))
 
 
 def _curve_figure(report: Report, name: str) -> Figure:
-    """One curve of all planes, with its 95 % band if it has an uncertainty."""
     axes, over = plot_axes(3.6, 2.6, (0.5, 0.1, 0.42, 0.08)), ""
     for plane in (one for one in report.planes if name in one.curves):
         over, x = next(iter(plane.curves.items()))

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from procedures.numbers import PICTURE_STD, W_GREATEST, W_LEAST, W_MEDIAN
 from procedures.outcome import Outcome, Quantity
-from procedures.restoration.joint.result import GroundTruth, Restoration
+from procedures.restoration.joint.result import Restoration
 from procedures.restoration.metres import Distances
 from station.common.versions import software
 from station.drawing.pictures import described_tiff, encoded, false_colours, float_tiff, levels, picture
@@ -23,7 +23,6 @@ from station.results.record_head import RecordHead, verdict_entry
 from station.results.result_files import npy
 
 SHARP_WORDS = "restored picture, linear, 1 = white, first row uppermost; calibration-station"
-"""Description in the picture's file."""
 STD_WORDS = "standard deviation of the restored picture, 1 = white, first row uppermost; calibration-station"
 KERNEL_WORDS = "kernel of photograph {}, one sample a pixel, sum 1, first row uppermost; calibration-station"
 DIFFERENCE_WORDS = "restored picture less the ground truth, 1 = white, 0 where not compared; calibration-station"
@@ -86,9 +85,24 @@ def _entries(restoration: Restoration, distances: Distances | None) -> dict[str,
     if restoration.shapes is not None:
         entries["shapes"] = {"count": len(restoration.shapes)}
     if distances is not None:
-        entries["distance"] = _distance_entries(distances)
-    if restoration.ground_truth is not None:
-        entries["ground_truth"] = _truth_entries(restoration.ground_truth)
+        known = distances.determined > 0
+        entries["distance"] = {
+            "least": float(np.nanmin(distances.metres)) if known else None,
+            "greatest": float(np.nanmax(distances.metres)) if known else None,
+            "median_std": float(np.nanmedian(distances.std)) if known else None,
+            "median_common_std": float(np.nanmedian(distances.common)) if known else None,
+            "unit": "m",
+            "told": distances.determined,
+            "side": distances.side,
+        }
+    if (truth := restoration.ground_truth) is not None:
+        keys = {entry.name: entry.name for entry in fields(truth) if entry.name != "difference"}
+        keys |= {"stated_error": "told", "compared": "seen"}
+        entries["ground_truth"] = {
+            **{key: getattr(truth, name) for name, key in keys.items()},
+            "before_db": [db if np.isfinite(db) else None for db in truth.before_db],
+            "matrix": truth.matrix.tolist(),
+        }
     return entries | {
         "shift": {"x_y": restoration.shifts.tolist(), "unit": "pixel"},
         "turn": {"value": np.rad2deg(restoration.turns).tolist(), "unit": "degree"},
@@ -103,7 +117,6 @@ def _entries(restoration: Restoration, distances: Distances | None) -> dict[str,
 
 
 def _files(restoration: Restoration, distances: Distances | None) -> dict[str, Callable[[Path], None]]:
-    """The files by name, each generated when it is written."""
     sharp, per = picture(restoration.sharp), restoration.unit.per_pixel
     depth = levels(restoration.w, float(restoration.w.min()), float(restoration.w.max()))
     files = {
@@ -145,24 +158,3 @@ def _array(array: Array, dtype: npt.DTypeLike = np.float32) -> Callable[[Path], 
 
 def _tiff(array: Array, words: str) -> Callable[[Path], None]:
     return _file(lambda: described_tiff(float_tiff(array), words))
-
-
-def _truth_entries(truth: GroundTruth) -> dict[str, Any]:
-    keys = {entry.name: entry.name for entry in fields(truth) if entry.name != "difference"}
-    keys |= {"stated_error": "told", "compared": "seen"}
-    before = [db if np.isfinite(db) else None for db in truth.before_db]
-    entries = {key: getattr(truth, name) for name, key in keys.items()}
-    return {**entries, "before_db": before, "matrix": truth.matrix.tolist()}
-
-
-def _distance_entries(distances: Distances) -> dict[str, Any]:
-    known = distances.determined > 0
-    return {
-        "least": float(np.nanmin(distances.metres)) if known else None,
-        "greatest": float(np.nanmax(distances.metres)) if known else None,
-        "median_std": float(np.nanmedian(distances.std)) if known else None,
-        "median_common_std": float(np.nanmedian(distances.common)) if known else None,
-        "unit": "m",
-        "told": distances.determined,
-        "side": distances.side,
-    }

@@ -23,13 +23,10 @@ Array = npt.NDArray[np.floating[Any]]
 MAX_SIDE_PX = 720
 """Larger pictures are drawn smaller on the page; the files keep every pixel."""
 KERNEL_PX = 240
-"""Largest side of a kernel on the page."""
 PLACES, PLACE_PX = 3, 64
-"""Number of places that are shown enlarged, and their side in pixels."""
 MAX_STD_PX = 0.5
 """Standard deviation of w above which depth is undetermined."""
 RELIEF_PX = 360
-"""Largest side of the picture over its depth."""
 RELIEF = """<div class="relief" hidden><canvas tabindex="0" aria-label="{}"></canvas><p>{}</p>
 <div hidden>{}{}</div></div>"""
 MIN_SPAN_PX, MIN_BLUR_PX = 0.5, 0.2
@@ -72,7 +69,6 @@ def restoration_page(report: Report) -> str:
 
 
 def _slider(before: Array, after: Array, white: float) -> Figure:
-    """The photograph over the restored picture, up to a border that the reader moves."""
     photograph, restored = (
         image(encoded(".png", levels(smaller(picture(one), MAX_SIDE_PX), 0, white)), words)
         for one, words in ((before, "photograph 1"), (after, "restored picture"))
@@ -82,7 +78,6 @@ def _slider(before: Array, after: Array, white: float) -> Figure:
 
 
 def _places(before: Array, after: Array, white: float) -> list[Figure]:
-    """Photograph and restored picture side by side at the places that changed most, each pixel as four."""
     before, after = picture(before), picture(after)
     enlarged = after.shape[0] // before.shape[0]  # a plane of a mosaic has every second pixel of the sensor
     before = np.repeat(np.repeat(before, enlarged, axis=0), enlarged, axis=1)
@@ -224,10 +219,8 @@ def _metres(distances: Distances | None) -> list[Section]:
 
 
 def _refocused(restoration: Restoration) -> list[tuple[str, Array]]:
-    """The sharp picture for a lens of the photographs' depth of focus, focused at three depths.
-
-    Blur grows with the distance from the plane of focus; it is a blur circle, whatever blurred the photographs.
-    """
+    """The sharp picture for a lens of the photographs' depth of focus, focused at three depths. Blur grows with the
+    distance from the plane of focus; it is a blur circle, whatever blurred the photographs."""
     span = float(restoration.w.max() - restoration.w.min())
     if span < MIN_SPAN_PX:
         return []

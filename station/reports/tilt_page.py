@@ -15,7 +15,6 @@ from station.reports.report import Report
 from station.reports.report_page import report_page
 
 STEPS = 40
-"""Points along each side of the drawn surface."""
 
 
 def tilt_page(report: Report) -> str:
@@ -30,7 +29,6 @@ def tilt_page(report: Report) -> str:
 
 
 def _surface_figure(tilt: Tilt) -> Figure:
-    """Measured heights over the frame, and the fitted surface."""
     sensor, (width, height) = tilt.sensor, tilt.sensor.size_mm
     x, y = np.meshgrid(np.linspace(-width / 2, width / 2, STEPS), np.linspace(-height / 2, height / 2, STEPS))
     mean, measured = float(sensor.plane[0]), sensor.heights_um - sensor.plane[0]
@@ -54,7 +52,6 @@ def _surface_figure(tilt: Tilt) -> Figure:
 
 
 def _screws_figure(tilt: Tilt) -> Figure:
-    """The screws from behind the camera, with the move of the sensor at each."""
     radius, axes = tilt.screws.radius_mm, plot_axes(3.4, 3.4, (0.05, 0.05, 0.05, 0.05))
     (width, height), end = tilt.sensor.size_mm, 1.7 * radius
     axes.add_patch(Rectangle((-width / 2, -height / 2), width, height, fill=False, ec=FAINT, lw=0.8))

@@ -21,10 +21,8 @@ MARKERS = {"R": "o", "G1": "s", "G2": "D", "B": "^", "Y": "o"}
 
 
 def trend_picture(camera: str, trends: Sequence[Trend], path: Path) -> bytes:
-    """The picture in the format of the path's suffix, svg or png: one row for each lens, plan and quantity.
-
-    Raises BadParameter if it is another format, or there is nothing to draw.
-    """
+    """The picture in the format of the path's suffix, svg or png: one row for each lens, plan and quantity. Raises
+    BadParameter if it is another format, or there is nothing to draw."""
     kind = path.suffix.lower().lstrip(".")
     if kind not in FORMATS:
         raise BadParameter(f"a trend is drawn as {' or '.join(FORMATS)}, not {kind or 'a file without a suffix'}", "")
@@ -48,7 +46,6 @@ def trend_picture(camera: str, trends: Sequence[Trend], path: Path) -> bytes:
 
 
 def _draw(axes: Axes, several: Sequence[Trend], origin: str) -> None:
-    """The planes of one quantity, distinguished by colour, marker and legend."""
     for one in several:
         start = years_between(origin, one.points[0].began)
         colour = PLANE_COLOURS.get(one.plane, INK)

@@ -76,15 +76,12 @@ _ENTRIES = {
     "number": "number", "judged": "verdict", "value": "value", "uncertainty": "uncertainty", "least": "min",
     "most": "max", "unit": "unit", "place": "place", "words": "words",
 }  # fmt: skip
-"""Attributes of a judgement, and their names in records."""
 
 
 def worst(judged: Iterable[Compliance]) -> Compliance:
     """The worst of several."""
     return max(judged, key=list(Compliance).index)
 
-
-# --- verdicts in words ---
 
 MEASUREMENT = {
     "pass": "trusted",
@@ -100,7 +97,6 @@ SPECIFICATION = {
     "undecided": "undecided against the specification",
     "does not meet": "does not meet the specification",
 }
-"""Verdicts against the specification."""
 
 
 def measurement_words(verdict: str) -> str:

@@ -25,6 +25,36 @@ DERIVED = "derived"
 EDGES = "edges"
 BUDGETS, BRIGHTER = "budgets", "with_four_times_the_light"
 """Entries of a restoration: budgets by number, and the picture's expected error."""
+OWN = {
+    "points": ("noise of the chart's points", "photograph four times as many views, or the chart larger and sharper"),
+    "flatness": (
+        "flatness of the chart",
+        "fix the chart on a plane, rigid sheet, and turn it in its plane between the views",
+    ),
+    "model": ("model of the camera", "photograph the chart all over the frame, tilted to all sides"),
+    "shutter": ("time between the rows", "hold the camera still, or move the chart faster in the video"),
+    "scale": ("scale of the chart", "measure the chart with a better ruler, and give its record by --scale"),
+    "squareness": ("squareness of the chart", "square the chart more exactly, and give --chart-tilt-deg"),
+    "slope": ("slope of the flats' light", "take flats in more turns of the camera, or make their light more even"),
+    "curvature": ("curvature of the response", "use the gain at dark, which is corrected for it"),
+    "bins": ("aliases of the bins", "photograph the noise chart, whose estimate has no bins"),
+    "scatter": ("displacements along the edge", "use a straighter edge, and hold the camera still"),
+    "sharpening": ("unsharp mask not excluded", "switch off sharpening, or photograph RAW"),
+    "overshoot": ("wide mask not excluded", "switch off clarity and local contrast, or photograph RAW"),
+    "tone": ("tone curve not excluded", "photograph RAW, which has no tone curve"),
+    "contrast": ("S-shaped tone curve not excluded", "photograph RAW, which has no tone curve"),
+    "shapes": (
+        "disagreement of blur and photographs",
+        "measure the shapes of the blur again, and check that nothing moved",
+    ),
+    "detail": (
+        "detail that the blur has removed",
+        "take a third photograph with another blur, which keeps what these suppress",
+    ),
+    "kernels": ("other kernels that explain the photographs as well", "record the motion, or give measured kernels"),
+    "development": ("rounding and coding of the files", "give RAW files"),
+}
+"""Terms of other results than PSFs: in words, and the remedy."""
 REMEDIES = {
     "noise": "take four times as many photographs, or give four times the light",
     "light": "light the chart evenly, within 10 % from corner to corner",
@@ -40,48 +70,9 @@ REMEDIES = {
     "variation": "use a smaller chart, or one nearer to the frame's centre",
     "focus": "focus again at either distance, or leave the focus",
     "choice": "photograph the chart larger, so that s and k matter less",
-    "points": "photograph four times as many views, or the chart larger and sharper",
-    "flatness": "fix the chart on a plane, rigid sheet, and turn it in its plane between the views",
-    "model": "photograph the chart all over the frame, tilted to all sides",
-    "shutter": "hold the camera still, or move the chart faster in the video",
-    "scale": "measure the chart with a better ruler, and give its record by --scale",
-    "squareness": "square the chart more exactly, and give --chart-tilt-deg",
-    "slope": "take flats in more turns of the camera, or make their light more even",
-    "curvature": "use the gain at dark, which is corrected for it",
-    "bins": "photograph the noise chart, whose estimate has no bins",
-    "scatter": "use a straighter edge, and hold the camera still",
-    "sharpening": "switch off sharpening, or photograph RAW",
-    "overshoot": "switch off clarity and local contrast, or photograph RAW",
-    "tone": "photograph RAW, which has no tone curve",
-    "contrast": "photograph RAW, which has no tone curve",
-    "shapes": "measure the shapes of the blur again, and check that nothing moved",
-    "detail": "take a third photograph with another blur, which keeps what these suppress",
-    "kernels": "record the motion, or give measured kernels",
-    "development": "give RAW files",
+    **{term: remedy for term, (_, remedy) in OWN.items()},
 }
-"""Remedy of each term of a budget."""
-WORDS = {
-    **TERMS,
-    "points": "noise of the chart's points",
-    "flatness": "flatness of the chart",
-    "model": "model of the camera",
-    "shutter": "time between the rows",
-    "scale": "scale of the chart",
-    "squareness": "squareness of the chart",
-    "slope": "slope of the flats' light",
-    "curvature": "curvature of the response",
-    "bins": "aliases of the bins",
-    "scatter": "displacements along the edge",
-    "sharpening": "unsharp mask not excluded",
-    "overshoot": "wide mask not excluded",
-    "tone": "tone curve not excluded",
-    "contrast": "S-shaped tone curve not excluded",
-    "shapes": "disagreement of blur and photographs",
-    "detail": "detail that the blur has removed",
-    "kernels": "other kernels that explain the photographs as well",
-    "development": "rounding and coding of the files",
-}
-"""Description of each term of a budget."""
+WORDS = {**TERMS, **{term: words for term, (words, _) in OWN.items()}}
 NEXT_VIEW = "next_view"
 TWIN, PREDICTED = {PIXELS_PER_PATTERN, EDGES, "scale", SYSTEM_GAIN}, {NEXT_VIEW, BRIGHTER}
 """Entries of planes whose subject the digital twin photographs, and of those whose own model predicts a gain."""
@@ -184,12 +175,10 @@ def _explain_plane(plane: PlaneResult) -> PlaneExplanation:
 
 
 def _saved(term: str) -> float:
-    """Part of a term's variance that its remedy saves at best."""
     return 0.75 if term in HALVED else 1.0
 
 
 def _budget(plane: PlaneResult, name: str) -> Mapping[str, float]:
-    """The budget of a number of a plane; empty if it has none."""
     entry: Any = plane.details.get(name)
     several: Any = plane.details.get(BUDGETS, {})
     budget = entry.get("budget") if isinstance(entry, dict) else several.get(name) or _mean_budget(plane, name)
@@ -236,7 +225,6 @@ def explain_batch(folder: Path) -> BatchExplanation:
 
 
 def _headline(row: Mapping[str, Any]) -> Mapping[str, Any] | None:
-    """The headline number of a row's first plane that has one with an uncertainty."""
     numbers = [plane["numbers"] for plane in row["planes"].values()]
     known = (one[name] for one in numbers for name in in_group(Group.LINE, one) if "uncertainty" in one[name])
     return next(known, None)

@@ -31,9 +31,6 @@ def psf_tiff(psf: Psf, plane: str = "", exposure: Exposure | None = None) -> byt
     return described_tiff(float_tiff(psf.h), "; ".join(words))
 
 
-# --- FITS ---
-
-
 def psf_fits(psf: Psf, plane: str, version: str | None, exposure: Exposure | None = None) -> bytes:
     """The support's samples as FITS, and their standard uncertainties in a second image, both (k, k) float64.
 
@@ -64,7 +61,8 @@ def psf_fits(psf: Psf, plane: str, version: str | None, exposure: Exposure | Non
         ("COMMENT", "TAILDENS: A of the far tail A/r^3 per square pixel, all light 1."),
     ]  # fmt: skip
     first = primary_image(psf.h, [("EXTEND", True), ("EXTNAME", "PSF"), *grid, *outside])
-    return first + image_extension(sigma, [("EXTNAME", "UNCERTAINTY"), *grid])
+    cards = [("EXTNAME", "UNCERTAINTY"), *grid]
+    return first + _unit([("XTENSION", "IMAGE"), *_size(sigma), ("PCOUNT", 0), ("GCOUNT", 1), *cards], _bytes(sigma))
 
 
 def kernel_fits(kernel: Array, photograph: int, version: str | None) -> bytes:
@@ -81,16 +79,12 @@ def kernel_fits(kernel: Array, photograph: int, version: str | None) -> bytes:
 
 
 def _noted(exposure: Exposure) -> dict[str, str | float]:
-    """Metadata recorded by the camera, by keywords of FITS."""
     keywords = {
         "DATE-OBS": exposure.captured_at, "INSTRUME": exposure.camera, "TELESCOP": exposure.lens,
         "APERTURE": exposure.f_number, "FOCALLEN": exposure.focal_length_mm, "EXPTIME": exposure.exposure_s,
         "ISOSPEED": exposure.iso,
     }  # fmt: skip
     return {name: value for name, value in keywords.items() if value}
-
-
-# --- the numbers ---
 
 
 def gaussian_radius(mtf50: Quantity, pitch: int) -> Quantity:
@@ -147,7 +141,6 @@ def csv_bytes(rows: Iterable[Sequence[object]]) -> bytes:
 
 Floats = npt.NDArray[np.floating[Any]]
 Cards = list[tuple[str, object]]
-"""Names and values of a header, in their order."""
 
 BLOCK = 2880
 CARD = 80
@@ -158,11 +151,6 @@ LONGEST_TEXT = 34
 def primary_image(data: Floats, cards: Cards) -> bytes:
     """An image as the file's first unit; float32 or float64 as the data are."""
     return _unit([("SIMPLE", True), *_size(data), *cards], _bytes(data))
-
-
-def image_extension(data: Floats, cards: Cards) -> bytes:
-    """An image as a further unit."""
-    return _unit([("XTENSION", "IMAGE"), *_size(data), ("PCOUNT", 0), ("GCOUNT", 1), *cards], _bytes(data))
 
 
 def table_of_one_cube(name: str, cube: npt.NDArray[np.float32], cards: Cards) -> bytes:
@@ -187,7 +175,6 @@ def _bytes(data: Floats) -> bytes:
 
 
 def _unit(cards: Cards, data: bytes) -> bytes:
-    """A header and its data, each filled up to whole blocks."""
     header = "".join(_card(name, value) for name, value in cards) + "END".ljust(CARD)
     return _filled(header.encode("ascii"), b" ") + _filled(data, b"\0")
 
@@ -205,7 +192,6 @@ def _card(name: str, value: object) -> str:
 
 
 def _plain(text: str) -> str:
-    """Letters that a header takes, as many as have room in a card."""
     return "".join(one if " " <= one <= "~" else "?" for one in text)[:LONGEST_TEXT]
 
 

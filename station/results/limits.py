@@ -144,24 +144,17 @@ def place_of(x: float, y: float, shape: tuple[int, int]) -> Place:
 
 
 def _judge(record: PlaneResult, limit: Limit, pixels: Pixels, spots: Sequence[Spot]) -> Iterator[Judgement]:
-    """One judgement for each number and place that a limit is about."""
     meant = [one for one in spots if limit.place is Place.ANYWHERE or limit.place in one.places]
     if not spots:
         meant = [Spot("", list(Place), record.numbers)]
         if limit.place not in (Place.ANYWHERE, record.place):
             meant = [Spot(f"the {limit.place}", ())]
-    for spot in meant:
-        for name in _present(limit, spot.numbers, pixels):
-            yield _of_number(record, limit, spot, name, pixels)
-
-
-def _present(limit: Limit, numbers: Mapping[str, Quantity], pixels: Pixels) -> list[str]:
-    """Which of a limit's numbers there are: along directions, or across an edge; else the first is named as missing."""
     names = limit.names(pixels)
     across = names[0].removesuffix(f"_{limit.directions[0]}") if limit.number in FAMILIES else names[0]
-    if across in numbers:
-        return [across]
-    return names if any(name in numbers for name in names) else [across]
+    for spot in meant:  # along directions, or across an edge; else the first is named as missing
+        along = across not in spot.numbers and any(name in spot.numbers for name in names)
+        for name in names if along else [across]:
+            yield _of_number(record, limit, spot, name, pixels)
 
 
 def _of_number(record: PlaneResult, limit: Limit, spot: Spot, name: str, pixels: Pixels) -> Judgement:
@@ -200,9 +193,7 @@ def _judged(value: float | None, band: float, limit: Limit) -> Compliance:
     return Compliance.UNDECIDED
 
 
-def _words(
-    limit: Limit, name: str, spot: Spot, judged: Compliance, value: float | None, uncertainty: float
-) -> str:  # fmt: skip
+def _words(limit: Limit, name: str, spot: Spot, judged: Compliance, value: float | None, uncertainty: float) -> str:
     bounds = [f"{sign} {bound:g}" for sign, bound in (("≥", limit.least), ("≤", limit.most)) if math.isfinite(bound)]
     number = NUMBERS.get(name)
     own = "" if number is None or number.unit in ("", "1") else f" {number.unit}"

@@ -19,9 +19,7 @@ from station.results.units import Pixels
 NUMBERS = "numbers.csv"
 PSF = "station/psf/1"
 RESTORATION = "station/restore/1"
-"""Schema of restorations."""
 BY_PLANE = "planes"
-"""Entry of a record with results by plane."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,20 +73,15 @@ class Measurement:
     def record(self) -> dict[str, Any]:
         """Contents of `result.json`."""
         records = {plane.name: plane_record(plane) for plane in self.planes}
+        unmentioned = self.missed is not None and not any("left_out" in plane.details for plane in self.planes)
         return {
             "schema": self.schema,
             **self.head.to_record(),
             **self.entries,
             self.results_key: records if self.results_key == BY_PLANE else next(iter(records.values())),
-            **self._left_out(),
+            **({"left_out": [one.to_record() for one in self.missed or ()]} if unmentioned else {}),
             "software": software(),
         }
-
-    def _left_out(self) -> dict[str, Any]:
-        """The unusable photographs, if the planes do not list them."""
-        if self.missed is None or any("left_out" in plane.details for plane in self.planes):
-            return {}
-        return {"left_out": [one.to_record() for one in self.missed]}
 
 
 def write_measurement(folder: ResultFolder, measurement: Measurement) -> str:

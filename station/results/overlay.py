@@ -1,7 +1,5 @@
-"""The MTF of another result, drawn over one's own: read from the tables beside its record.
-
-A field's result has two: the MTF at the frame's centre over frequency, and at some frequencies over image height.
-"""
+"""The MTF of another result, drawn over one's own: read from the tables beside its record. A field's result has two:
+the MTF at the frame's centre over frequency, and at some frequencies over image height."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -66,7 +64,6 @@ def read_height_overlays(paths: Iterable[Path], unit: Unit) -> list[Overlay]:
 
 
 def _read(path: Path, stem: str, first: Sequence[str], words: str) -> Overlay:
-    """The tables of one kind of a result; `first` are the columns they begin with."""
     results = sorted(path.glob(f"derived/*/{RECORD}"), key=lambda one: (len(one.parent.name), one.parent.name))
     folder = results[-1].parent if results else path
     tables = sorted(folder.glob(f"{stem}_*.csv"))

@@ -116,13 +116,18 @@ class PlaneResult:
             return self
         curves = {name: column * factor if name == "frequency" else column for name, column in self.curves.items()}
         variations = (replace(one, values=(one.values[0] * factor, one.values[1] * factor)) for one in self.variations)
+        edges = (
+            replace(edge, by_edge=convert_quantity(edge.by_edge, unit, factor),
+                    by_psf=convert_quantity(edge.by_psf, unit, factor))
+            for edge in self.edges
+        )  # fmt: skip
         return replace(
             self,
             numbers=convert_numbers(self.numbers, unit, factor),
             curves=curves,
             quality=self.quality and _quality_in(self.quality, unit, factor),
             variations=tuple(variations),
-            edges=tuple(_edge_in(edge, unit, factor) for edge in self.edges),
+            edges=tuple(edges),
             unit=unit,
             factor=factor,
         )
@@ -136,11 +141,6 @@ def _quality_in(quality: Quality, unit: Unit, factor: float) -> Quality:
         for name, terms in quality.budgets.items()
     }
     return replace(quality, numbers=convert_numbers(quality.numbers, unit, factor), budgets=budgets)
-
-
-def _edge_in(check: EdgeCheck, unit: Unit, factor: float) -> EdgeCheck:
-    by_edge, by_psf = (convert_quantity(one, unit, factor) for one in (check.by_edge, check.by_psf))
-    return replace(check, by_edge=by_edge, by_psf=by_psf)
 
 
 def numbers_of(quality: Quality, pitch: int) -> Iterator[tuple[str, Quantity]]:
@@ -161,9 +161,6 @@ def curves_of(quality: Quality) -> dict[str, Array]:
         "radial": quality.mtf_radial,
         "radial_uncertainty": quality.uncertainty("radial"),
     }
-
-
-# --- The numbers of a plane that are stated in one line with its verdict ---
 
 
 def line_numbers(plane: PlaneResult) -> list[str]:

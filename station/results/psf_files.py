@@ -29,21 +29,21 @@ Write = Callable[[Path], None]
 def psf_measurement(planes: Sequence[PlaneResult], head: RecordHead) -> Measurement:
     """The planes with their files; s and k as they were used are among the parameters of the record."""
     choice = {plane.name: [asdict(trial) for trial in plane.choice] for plane in planes if plane.choice}
-    whole = replace(head, parameters={**head.parameters, **_sampling(planes)})
-    return Measurement(PSF, whole, tuple(planes), entries={"choice": choice}, files=_files(planes))
+    used = {plane.name: plane.psf for plane in planes if plane.psf is not None}
+    entry: dict[str, Any] = {}
+    for name in (SAMPLES_PER_PIXEL, SUPPORT) if used else ():
+        values = {plane: psf.s if name == SAMPLES_PER_PIXEL else psf.k for plane, psf in used.items()}
+        entry[name] = next(iter(values.values())) if len(set(values.values())) == 1 else values
+    whole = replace(head, parameters={**head.parameters, **entry})
+    files = {BUDGET: _made(budget_csv, planes)} if any(plane.quality is not None for plane in planes) else {}
+    for plane in planes:
+        files |= _plane_files(plane)
+    return Measurement(PSF, whole, tuple(planes), entries={"choice": choice}, files=files)
 
 
 def write_psf_result(folder: ResultFolder, planes: Sequence[PlaneResult], head: RecordHead) -> str:
     """Write the files of every plane and the record; returns the record's text."""
     return write_measurement(folder, psf_measurement(planes, head))
-
-
-def _files(planes: Sequence[PlaneResult]) -> dict[str, Write]:
-    """The files by name; large ones are generated when they are written."""
-    files = {BUDGET: _made(budget_csv, planes)} if any(plane.quality is not None for plane in planes) else {}
-    for plane in planes:
-        files |= _plane_files(plane)
-    return files
 
 
 def _plane_files(plane: PlaneResult) -> dict[str, Write]:
@@ -84,16 +84,6 @@ def _made(make: Callable[..., bytes], *given: Any) -> Write:
         path.write_bytes(make(*given))
 
     return write
-
-
-def _sampling(planes: Sequence[PlaneResult]) -> dict[str, Any]:
-    """The values of s and k used: one number if all planes have the same, else one per plane."""
-    used = {plane.name: plane.psf for plane in planes if plane.psf is not None}
-    entry: dict[str, Any] = {}
-    for name in (SAMPLES_PER_PIXEL, SUPPORT) if used else ():
-        values = {plane: psf.s if name == SAMPLES_PER_PIXEL else psf.k for plane, psf in used.items()}
-        entry[name] = next(iter(values.values())) if len(set(values.values())) == 1 else values
-    return entry
 
 
 def mtf_table(curves: Mapping[str, Array], unit: str = "cycles/pixel") -> bytes:

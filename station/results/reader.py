@@ -29,7 +29,6 @@ MAX_BYTES = 400_000_000
 MAX_PLANE_NAME = 8
 """Longer names are of no plane; they would also be file names."""
 RESULT_KEYS = ("result", "rig")
-"""Entries of records with one result instead of planes."""
 OF_HEAD = ("arguments", "settings", "specification", "batch", "field", "environment", "duration_s")
 NOT_ENTRIES = ("schema", "procedure", "input", "parameters", "software", "files", "left_out", SEAL, *OF_HEAD)
 PARSED = ("verdict", "reason", "remedy", "other_causes", "specification", "untold")
@@ -44,7 +43,13 @@ def read_result(folder: Path) -> Measurement:
     if BY_PLANE not in record and "verdict" in record:  # a refusal, or a record of an earlier version
         key, entries = "result", {"result": {**_mapping(record.get(key)), "verdict": record["verdict"]}}
         entries["result"] |= {one: record[one] for one in PARSED if one in record}
-    if not entries or not isinstance(entries, dict) or not all(_is_plane(*item) for item in entries.items()):
+    if (
+        not entries
+        or not isinstance(entries, dict)
+        or not all(
+            name.isalnum() and len(name) <= MAX_PLANE_NAME and isinstance(one, dict) for name, one in entries.items()
+        )
+    ):
         raise BadInput(f"{folder / RECORD} names no planes", _AGAIN)
     planes = tuple(_plane(folder, name, entry) for name, entry in entries.items())
     more = {name: value for name, value in record.items() if name not in (*NOT_ENTRIES, key)}
@@ -90,10 +95,6 @@ def _mapping(value: object) -> dict[str, Any]:
 
 def _list(value: object) -> list[Any]:
     return value if isinstance(value, list) else []
-
-
-def _is_plane(name: str, entry: object) -> bool:
-    return name.isalnum() and len(name) <= MAX_PLANE_NAME and isinstance(entry, dict)
 
 
 def _plane(folder: Path, name: str, entry: Mapping[str, Any]) -> PlaneResult:
@@ -143,7 +144,6 @@ def _own(path: Path) -> bytes:
 
 
 def _curves(path: Path) -> tuple[Unit, dict[str, Array]]:
-    """The MTF of a plane and the unit of its frequencies."""
     try:
         units, columns = table_columns(list(csv.reader(_own(path).decode().splitlines())), ("frequency",))
     except ValueError as error:
@@ -162,9 +162,6 @@ def read_picture(path: Path) -> npt.NDArray[np.uint8]:
     if picture is None:
         raise BadInput(f"{path} is no picture", _AGAIN)
     return np.asarray(picture, dtype=np.uint8)
-
-
-# --- two results side by side ---
 
 
 @dataclass(frozen=True)

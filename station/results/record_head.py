@@ -62,11 +62,7 @@ class RecordHead:
             "parameters": dict(self.parameters),
             "arguments": None if self.arguments is None else list(self.arguments),
             "settings": None if self.settings is None else dict(self.settings),
-            "specification": self.specification,
-            "batch": self.batch,
-            "field": self.field,
-            "environment": self.environment,
-            "duration_s": self.duration_s,
+            **{name: getattr(self, name) for name in ("specification", "batch", "field", "environment", "duration_s")},
         }
         return {name: value for name, value in entries.items() if value is not None}
 
@@ -74,9 +70,7 @@ class RecordHead:
 @dataclass(frozen=True)
 class PartBeside:
     """A result in a folder beside a record: the verdict on it, and the file of it to look into first, "" for none.
-
-    `used` is what the record's own numbers took from it, or why they took nothing; "" where they never do.
-    """
+    `used` is what the record's own numbers took from it, or why they took nothing; "" where they never do."""
 
     verdict: Verdict
     reason: str
@@ -108,19 +102,20 @@ def read_other_causes(entry: Mapping[str, Any]) -> tuple[Cause, ...]:
     return tuple(Cause(str(cause.get("reason", "")), str(cause.get("remedy", ""))) for cause in causes)
 
 
-# --- Temperature, humidity and other conditions during photographs, by probe, as an entry of a record ---
-
 ENVIRONMENT = "environment"
 """Entry of the state of devices at a photograph, and of records."""
 
 
 def environment_of(snapshots: Iterable[Mapping[str, Any]]) -> dict[str, dict[str, Any]] | None:
-    """The conditions over these photographs: by probe and quantity, mean and range; None without a probe.
-
-    The uncertainty is the largest that the probe states for a reading.
-    """
+    """The conditions over these photographs: by probe and quantity, mean and range; None without a probe. The
+    uncertainty is the largest that the probe states for a reading."""
+    grouped: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+    for snapshot in snapshots:
+        for probe, quantities in snapshot.get(ENVIRONMENT, {}).items():
+            for name, quantity in quantities.items():
+                grouped.setdefault((str(probe), str(name)), []).append(quantity)
     entries: dict[str, dict[str, Any]] = {}
-    for probe, name, readings in _readings(snapshots):
+    for (probe, name), readings in grouped.items():
         values = [checked_number(reading["value"], f"`value` of {name}") for reading in readings]
         stated = [checked_number(u, f"`uncertainty` of {name}") for reading in readings
                   if (u := reading.get("uncertainty")) is not None]  # fmt: skip
@@ -129,15 +124,6 @@ def environment_of(snapshots: Iterable[Mapping[str, Any]]) -> dict[str, dict[str
             "uncertainty": max(stated, default=None), "min": min(values), "max": max(values), "n": len(values),
         }  # fmt: skip
     return entries or None
-
-
-def _readings(snapshots: Iterable[Mapping[str, Any]]) -> list[tuple[str, str, list[Mapping[str, Any]]]]:
-    grouped: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
-    for snapshot in snapshots:
-        for probe, quantities in snapshot.get(ENVIRONMENT, {}).items():
-            for name, quantity in quantities.items():
-                grouped.setdefault((str(probe), str(name)), []).append(quantity)
-    return [(*key, readings) for key, readings in grouped.items()]
 
 
 def temperature_during(snapshot: Mapping[str, Any]) -> float | None:

@@ -64,7 +64,7 @@ class ResultFolder:
             sweep(self.path, UNFINISHED)
             self.staging, self._held = make(UNFINISHED, self.path)
         except OSError as error:
-            raise self._unwritable(error) from error
+            raise unwritable(self.path, error) from error
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -80,11 +80,7 @@ class ResultFolder:
         try:
             data(self.staging / name) if callable(data) else (self.staging / name).write_bytes(data)
         except OSError as error:
-            raise self._unwritable(error) from error
-
-    def _unwritable(self, error: OSError) -> BadParameter:
-        reason = f"the results need a folder that can be written; {self.path}: {error.strerror}"
-        return BadParameter(reason, "name another folder with --out, or make room")
+            raise unwritable(self.path, error) from error
 
     def publish(self) -> None:
         """Put the staged files in the older result's place, and remove what only that had. Raises BadParameter if the
@@ -92,7 +88,7 @@ class ResultFolder:
         try:
             self._publish(Disk())
         except OSError as error:
-            raise self._unwritable(error) from error
+            raise unwritable(self.path, error) from error
 
     def _publish(self, disk: Disk) -> None:
         staged = sorted(file.relative_to(self.staging) for file in self.staging.rglob("*") if file.is_file())
@@ -101,7 +97,8 @@ class ResultFolder:
         for name in staged:
             disk.settle(self.staging / name)
         older = own_hashes(self.path)
-        self._note({**older, **{name: [*older.get(name, ()), one] for name, one in hashes_in(self.staging).items()}})
+        both = older | {name: [*older.get(name, ()), one] for name, one in hashes_in(self.staging).items()}
+        (self.path / PUBLISHING).write_text(json_text({"files": both}))
         (self.path / RECORD).unlink(missing_ok=True)
         folders = {self.path / name.parent for name in staged}
         for folder in folders:
@@ -117,10 +114,7 @@ class ResultFolder:
             disk.sync_folder(folder)
         (self.path / PUBLISHING).unlink(missing_ok=True)
 
-    # --- own and foreign files ---
-
     def _named(self) -> list[str]:
-        """Files with the name of one of a result's."""
         return [old.name for old in self.path.iterdir() if _RESULT_FILE.fullmatch(old.name)]
 
     def _check(self, names: Sequence[str]) -> None:
@@ -136,14 +130,15 @@ class ResultFolder:
             )
 
     def _is_own(self, name: str, older: Mapping[str, Sequence[str]]) -> bool:
-        """Whether a file is what this program wrote under this name."""
         if name == RECORD:
             return str(json_object(self.path / RECORD).get("schema", "")).startswith("station/")
         return any(holds(self.path / name, digest) for digest in older.get(name, ()))
 
-    def _note(self, files: Mapping[str, Sequence[str]]) -> None:
-        """Store the names of own files while they are replaced: after a crash there is no record."""
-        (self.path / PUBLISHING).write_text(json_text({"files": {name: list(file) for name, file in files.items()}}))
+
+def unwritable(folder: Path, error: OSError) -> BadParameter:
+    """The error of a folder that cannot be written."""
+    reason = f"the results need a folder that can be written; {folder}: {error.strerror}"
+    return BadParameter(reason, "name another folder with --out, or make room")
 
 
 def own_hashes(folder: Path) -> dict[str, list[str]]:
@@ -152,7 +147,8 @@ def own_hashes(folder: Path) -> dict[str, list[str]]:
     for record in (json_object(folder / RECORD), json_object(folder / PUBLISHING)):
         files = record.get("files")
         for name, digests in files.items() if isinstance(files, dict) else ():
-            if isinstance(digests, str | list) and _is_inside(str(name)):
+            inside = name and not name.startswith("/") and ".." not in Path(name).parts
+            if isinstance(digests, str | list) and inside:
                 hashes.setdefault(name, []).extend([digests] if isinstance(digests, str) else map(str, digests))
     return hashes
 
@@ -164,11 +160,6 @@ def json_object(path: Path) -> dict[str, Any]:
     except (OSError, ValueError, RecursionError):
         return {}
     return value if isinstance(value, dict) else {}
-
-
-def _is_inside(name: str) -> bool:
-    """Whether a file's name in a record leads nowhere else."""
-    return bool(name) and not name.startswith("/") and ".." not in Path(name).parts
 
 
 _RESULT_FILE = re.compile(
@@ -253,7 +244,6 @@ def interval_entry(number: Quantity) -> dict[str, Any]:
 
 
 def _edge_entry(check: EdgeCheck) -> dict[str, Any]:
-    """MTF50 across one printed edge and by the PSF, all light counted in both, and how far they differ."""
     return {
         "orientation": check.edge.orientation,
         "normal_deg": check.edge.normal_deg,
@@ -265,7 +255,6 @@ def _edge_entry(check: EdgeCheck) -> dict[str, Any]:
 
 
 def _physics_entry(outcome: Outcome[Physics]) -> dict[str, Any]:
-    """The parts of the best model, their sizes, what they leave unexplained, and the next best models."""
     entry = verdict_entry(outcome)
     if (physics := outcome.value) is not None:
         entry |= {"aperture": physics.aperture, "missing_corner_deg": physics.missing_corner_deg}
@@ -296,7 +285,6 @@ def plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-# --- Integrity of a result, by the hashes in its record of all files and of the record itself ---
 # This detects errors of the disk and edited files, not forgery.
 
 
@@ -317,7 +305,6 @@ def damage(folder: Path) -> tuple[str, ...]:
 
 
 def _record(folder: Path) -> dict[str, Any] | None:
-    """The record; None if it has changed."""
     try:
         data = read_own(folder / RECORD)
         record: dict[str, Any] = json.loads(data)

@@ -118,13 +118,11 @@ def parse_specification(text: str, file: str) -> Specification:
     return replace(specification, title=title, source=file, sha256=hashlib.sha256(text.encode()).hexdigest())
 
 
-# --- The unit of frequencies from station.toml, used if neither a command nor a procedure states one ---
 # ```toml
 # unit = "lp/mm"                  # station.toml, above its devices; or "cycles/pixel" (of the plane), "lw/ph"
 # ```
 
 FILE = Path("station.toml")
-"""The station's file of settings, in the working directory."""
 UNIT: ModelField = next(one for one in fields_of(SpecificationTable) if one.name == "unit")
 
 

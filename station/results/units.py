@@ -1,8 +1,5 @@
-"""Units of frequencies.
-
-Everything is computed in cycles per pixel of the plane. `PlaneResult.in_unit` converts a result once, before it is
-written, so that files, page and terminal agree.
-"""
+"""Units of frequencies. Everything is computed in cycles per pixel of the plane. `PlaneResult.in_unit` converts a
+result once, before it is written, so that files, page and terminal agree."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

@@ -116,7 +116,6 @@ class Gate:
         return self._foreign(headers) or (None if free else unknown)
 
     def _foreign(self, headers: Headers) -> JSONResponse | None:
-        """Refuse requests of a browser for a page of another site, and names that are not this server's."""
         host, origin = headers.get("host", "").lower(), headers.get("origin")
         if origin is not None and origin.partition("://")[2].lower() != host:
             reason = f"a request must come from this server's own page; it came from a page of {origin}"
@@ -128,7 +127,6 @@ class Gate:
         return refused(403, f"this server is called {names}; the request was to {host!r}", f"request {names}")
 
     def _unknown(self, headers: Headers) -> JSONResponse | None:
-        """Refuse requests without the token."""
         if self._token is None or any(secrets.compare_digest(self._token.encode(), t) for t in tokens_in(headers)):
             return None
         return token_required("a wrong one was sent" if tokens_in(headers) else "none was sent")

@@ -52,18 +52,12 @@ async def json_of(request: Request) -> Any:
         raise BadParameter(f"the body is not JSON: {error}", "correct it") from error
 
 
-def status_of(error: ProcedureError | DeviceError) -> int:
-    """The HTTP status of an error."""
-    if isinstance(error, NotThere):
-        return 404
-    by_code = {2: 400, 3: 503, 4: 422, 5: 422, 75: 409}
-    return by_code.get(error.exit_code, 500)
-
-
 def error_response(request: Request, error: Exception) -> Response:
     """The answer to a failed request."""
     if isinstance(error, ProcedureError | DeviceError):
-        return refused(status_of(error), error.reason, error.remedy)
+        by_code = {2: 400, 3: 503, 4: 422, 5: 422, 75: 409}
+        status = 404 if isinstance(error, NotThere) else by_code.get(error.exit_code, 500)
+        return refused(status, error.reason, error.remedy)
     if isinstance(error, HTTPException):
         reason = f"{request.method} {request.url.path}: {error.detail.lower()}"
         return refused(error.status_code, reason, "`station manual serve` lists the interface")

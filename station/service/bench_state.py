@@ -2,20 +2,19 @@
 
 import math
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from typing import Any
 
-from procedures.plan import Ask, Points
+from procedures.plan import Points
 from station.bench.opening import Bench
 from station.bench.stage_watch import DeviceState, StageWatch
 from station.guide.coach import way_words, ways
 from station.guide.frontend import CONSENTS, NOT_NOW
 from station.guide.workspace import StationLab
-from station.service.pictures import LatestPicture
 from station.service.remote_operator import RunStatus
-from station.service.runs import Runs
+from station.service.runs import LatestPicture, Runs
 from station.service.tenancy import Tenancy
 
 STOPPERS = 512
@@ -98,20 +97,22 @@ def _device(state: DeviceState) -> dict[str, Any]:
 
 def run_record(status: RunStatus) -> dict[str, Any]:
     """The status of a run, as a record."""
-    result = status.result
+    result, ask = status.result, status.question
+    question = None
+    if ask is not None:
+        names = ("key", "question", "kind", "unit", "default", "low", "high", "choices")
+        consent = CONSENTS.get(ask.key)
+        question = {name: getattr(ask, name) for name in names}
+        question |= {"consent": asdict(consent) if consent else None, "decline": NOT_NOW}
     return {
-        "session": status.session,
-        "plan": status.plan,
-        "step": status.step,
-        "instruction": status.instruction,
-        "drawing": status.drawing,
+        **{name: getattr(status, name) for name in ("session", "plan", "step", "instruction", "drawing")},
         "doing": {"say": status.doing, "done": status.done, "total": status.total},
         "advice": status.advice.say if status.advice is not None else "",
         "coach": coach_record(status),
         "goal": status.goal.say if status.goal is not None else "",
         "readings": [{**asdict(r), "good": r.good} for r in (status.advice.readings if status.advice else ())],
         "trouble": asdict(status.trouble) if status.trouble is not None else None,
-        "question": question_record(status.question) if status.question is not None else None,
+        "question": question,
         "result": {"verdict": result.verdict, "reason": result.reason, "remedy": result.remedy} if result else None,
         "gave": dict(status.gave),
         "ended": status.ended,
@@ -137,15 +138,4 @@ def coach_record(status: RunStatus) -> dict[str, Any] | None:
         "off": off if math.isfinite(off) else None,
         "good": status.advice is not None and status.advice.good,
         "hold_s": status.hold_s,
-    }
-
-
-def question_record(ask: Ask) -> Mapping[str, Any]:
-    """A question, as a record."""
-    names = ("key", "question", "kind", "unit", "default", "low", "high", "choices")
-    consent = CONSENTS.get(ask.key)
-    return {
-        **{name: getattr(ask, name) for name in names},
-        "consent": asdict(consent) if consent else None,
-        "decline": NOT_NOW,
     }

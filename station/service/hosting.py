@@ -6,6 +6,7 @@ import socket
 import threading
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import h11
@@ -58,7 +59,6 @@ class Server(uvicorn.Server):
     """A server that accepts few connections at once from a long queue."""
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Start answering."""
         await super().startup(sockets)
         for listening in sockets or ():
             listening.listen(QUEUE)
@@ -78,10 +78,7 @@ class Hosting:
             timeout_graceful_shutdown=ENDED_S, http=LimitedConnection, backlog=ACCEPTED_AT_ONCE,
         )  # fmt: skip
         self._server = Server(config)
-        self._thread = threading.Thread(target=self._serve, name="server", daemon=True)
-
-    def _serve(self) -> None:
-        self._server.run(sockets=[self.listening])
+        self._thread = threading.Thread(target=partial(self._server.run, [self.listening]), name="server", daemon=True)
 
     @property
     def port(self) -> int:
@@ -100,13 +97,11 @@ class Hosting:
         self.listening.close()
 
 
-# --- limits of connections -------------------------------------------------------------------------------------------
 # A request is due from the connection, or the last answer, until it has arrived completely. A client whose request is
 # overdue is disconnected; with too many connections, the one whose request has been due longest is replaced by the new
 # one. Connections that are being answered stay; beyond the limit, only stops are answered.
 
 REQUEST_S = 10.0
-"""How long a request may be due."""
 MOST, FEWEST = 320, 16
 """Largest number of connections, and if the system allows few open files."""
 SHARE_OF_FILES = 3
@@ -138,7 +133,15 @@ class LimitedConnection(H11Protocol):
         """A client connected."""
         super().connection_made(transport)
         self._expect_request()
-        self._find_room()
+        most = most_connections()
+        if len(self.connections) <= most * 3 // 4:
+            return
+        everybody = [other for other in self.connections if isinstance(other, LimitedConnection)]
+        neighbours = [other for other in everybody if other._address == self._address]
+        if not (self._has_room(neighbours, most * 3 // 4) and self._has_room(everybody, most)):
+            self.app = OnlyStops(self.app, most)
+        if len(self.connections) > most + FOR_STOPS:
+            self._disconnect()
 
     def connection_lost(self, exc: Exception | None) -> None:
         self._cancel_deadline()
@@ -174,29 +177,15 @@ class LimitedConnection(H11Protocol):
             self._deadline = None
 
     def _disconnect(self) -> None:
-        """End the connection at once; it no longer counts."""
         self._cancel_deadline()
         self.connections.discard(self)
         self.transport.abort()
-
-    def _find_room(self) -> None:
-        """Replace connections with a due request; if there is none, answer only stops here."""
-        most = most_connections()
-        if len(self.connections) <= most * 3 // 4:
-            return
-        everybody = [other for other in self.connections if isinstance(other, LimitedConnection)]
-        neighbours = [other for other in everybody if other._address == self._address]
-        if not (self._has_room(neighbours, most * 3 // 4) and self._has_room(everybody, most)):
-            self.app = OnlyStops(self.app, most)
-        if len(self.connections) > most + FOR_STOPS:
-            self._disconnect()
 
     @property
     def _address(self) -> str:
         return self.client[0] if self.client else ""
 
     def _has_room(self, crowd: "Iterable[LimitedConnection]", most: int) -> bool:
-        """Whether at most this many are open, after closing the one whose request has been due longest."""
         others = [other for other in crowd if other is not self and other in self.connections]
         if len(others) < most:
             return True

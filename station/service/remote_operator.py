@@ -8,24 +8,10 @@ from dataclasses import dataclass, field, replace
 from procedures.outcome import BadParameter
 from procedures.plan import Advice, Ask, Fact, Goal
 from procedures.raw import Plane
+from station.guide import frontend
 from station.guide.answers import parse
-from station.guide.frontend import (
-    CONSENTS,
-    DiagramEvent,
-    Event,
-    FrameEvent,
-    GoalEvent,
-    ProblemEvent,
-    ProgressEvent,
-    Result,
-    RunBegan,
-    RunEnded,
-    StepBegan,
-    StepEnded,
-    Stopped,
-)
 
-NEVER_BY_DEFAULT = (*CONSENTS, "trouble", "look", "contradiction")
+NEVER_BY_DEFAULT = (*frontend.CONSENTS, "trouble", "look", "contradiction")
 """Questions that a person must answer: consent to motion and light, and how to continue after an error."""
 
 
@@ -57,9 +43,9 @@ class RunStatus:
     hold_s: float | None = None
     shape: tuple[int, ...] = (1, 1)
     goal: Goal | None = None
-    trouble: ProblemEvent | None = None
+    trouble: frontend.ProblemEvent | None = None
     question: Ask | None = None
-    result: Result | None = None
+    result: frontend.Result | None = None
     ended: str | None = None
     gave: Mapping[str, str] = field(default_factory=dict)
 
@@ -82,8 +68,8 @@ class RemoteOperator:
         with self._lock:
             return self._status
 
-    def notify(self, event: Event) -> None:
-        if isinstance(event, FrameEvent):
+    def notify(self, event: frontend.Event) -> None:
+        if isinstance(event, frontend.FrameEvent):
             self._show(event.plane)
         with self._lock:
             self._status = after(self._status, event)
@@ -97,9 +83,6 @@ class RemoteOperator:
                 return ask.default
             if ask.kind == "confirm":
                 return True
-        return self._wait(ask)
-
-    def _wait(self, ask: Ask) -> Fact:
         with self._lock:
             self._reply.clear()
             self._status = replace(self._status, question=ask)
@@ -108,7 +91,7 @@ class RemoteOperator:
             finally:
                 self._status = replace(self._status, question=None)
             if self._stopped:
-                raise Stopped
+                raise frontend.Stopped
             return self._reply.pop()
 
     def reply(self, key: str, words: str) -> None:
@@ -140,28 +123,28 @@ class RemoteOperator:
             self._lock.notify_all()
 
 
-def after(status: RunStatus, event: Event) -> RunStatus:
+def after(status: RunStatus, event: frontend.Event) -> RunStatus:
     """The status of a run after one more event."""
     match event:
-        case RunBegan(plan, session, _, gave):
+        case frontend.RunBegan(plan, session, _, gave):
             return RunStatus(session=session.name, plan=plan.name, gave=gave)
-        case StepBegan(step):
+        case frontend.StepBegan(step):
             begun = RunStatus(status.session, status.plan, step.title, step.instruction, step.drawing)
             return replace(begun, question=status.question, result=status.result, gave=status.gave)
-        case StepEnded(step, gave):
+        case frontend.StepEnded(step, gave):
             return replace(status, gave={**status.gave, step.name: gave})
-        case ProgressEvent(say, done, total):
+        case frontend.ProgressEvent(say, done, total):
             return replace(status, doing=say, done=done, total=total)
-        case FrameEvent(plane, advice, hold_s):
+        case frontend.FrameEvent(plane, advice, hold_s):
             return replace(status, drawing="", advice=advice, hold_s=hold_s, shape=plane.samples.shape)
-        case DiagramEvent(diagram):
+        case frontend.DiagramEvent(diagram):
             return replace(status, drawing=diagram.drawing or status.drawing)
-        case GoalEvent(goal):
+        case frontend.GoalEvent(goal):
             return replace(status, goal=goal)
-        case ProblemEvent():
+        case frontend.ProblemEvent():
             return replace(status, trouble=event)
-        case Result():
+        case frontend.Result():
             return replace(status, result=event)
-        case RunEnded(how):
+        case frontend.RunEnded(how):
             return replace(status, ended=how, question=None)
     return status

@@ -19,7 +19,6 @@ from starlette.routing import Mount, Route
 from drivers.errors import DeviceError
 from procedures.outcome import BadParameter, ProcedureError
 from station.common.durable_files import read_own, sha256_of
-from station.guide.workspace import StationLab
 from station.results.result_files import RECORD
 from station.service.access import API, COOKIE, STOP, Gate
 from station.service.alpaca.server import AlpacaServer
@@ -55,9 +54,6 @@ async def page(request: Request) -> Response:
     return Response(text, media_type="text/html", headers={"Content-Security-Policy": PAGE_POLICY})
 
 
-# --- bench and runs --------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Control:
     """Requests concerning the bench."""
@@ -76,16 +72,10 @@ class Control:
             Route(STOP, self.stop, methods=["POST", "PUT"]),
         ]
 
-    @property
-    def _lab(self) -> StationLab:
-        return self.served.lab
-
     def status(self, request: Request) -> Response:
-        """Devices, run, picture."""
         return answer(self.served.status())
 
     def picture(self, request: Request) -> Response:
-        """The newest photograph, a JPEG."""
         picture = self.served.picture.take()
         if picture is None:
             raise NotThere("no photograph was taken yet", "start a run, or an exposure")
@@ -93,7 +83,7 @@ class Control:
         return Response(picture.jpeg, media_type="image/jpeg", headers=headers)
 
     def plans(self, request: Request) -> Response:
-        return answer({"plans": dict(self._lab.plans())})
+        return answer({"plans": dict(self.served.lab.plans())})
 
     def run(self, request: Request) -> Response:
         """The run started last."""
@@ -103,15 +93,13 @@ class Control:
         return answer(run_record(status))
 
     async def start(self, request: Request) -> Response:
-        """Start a run in a new session."""
-        order = read_order(await json_of(request), self._lab.names)
+        order = read_order(await json_of(request), self.served.lab.names)
         await asyncio.to_thread(self.served.runs.start, order)
         status = self.served.runs.status
         assert status is not None
         return answer(run_record(status), 201)
 
     async def reply(self, request: Request) -> Response:
-        """Answer the run's open question."""
         data = await json_of(request)
         key, words = (data.get("key"), data.get("answer")) if isinstance(data, dict) else (None, None)
         if not isinstance(key, str) or not isinstance(words, str | int | float | bool):
@@ -122,7 +110,6 @@ class Control:
         return answer({})
 
     async def end(self, request: Request) -> Response:
-        """End the run after its present operation."""
         await asyncio.to_thread(self.served.runs.end)
         return answer({})
 
@@ -131,8 +118,6 @@ class Control:
         loop = asyncio.get_running_loop()
         return answer(await loop.run_in_executor(self.served.stopper, self.served.stop))
 
-
-# --- sessions, read only ---------------------------------------------------------------------------------------------
 
 REPORT = "report.html"
 
@@ -155,7 +140,6 @@ class Sessions:
         ]
 
     def _folder(self, request: Request) -> Path:
-        """The session named in the path. Raises NotThere."""
         name = request.path_params["name"]
         for folder in sessions_in(self.root):
             if folder.name == name:
@@ -163,7 +147,6 @@ class Sessions:
         raise NotThere(f"there is no session {name!r}", "GET /station/v1/sessions lists them")
 
     def everything(self, request: Request) -> Response:
-        """All sessions, newest first."""
         if not self.root.is_dir():
             return answer({"schema": "station/sessions/1", "sessions": []})
         with Index(self.root) as index:
@@ -211,7 +194,6 @@ class Sessions:
 
 
 def _file(folder: Path, result: DerivedResult, name: str) -> Response:
-    """A result's file, if it matches the journal. Raises Damaged."""
     path = inside(folder, f"{result.folder}/{name}")
     if sha256_of(path) != result.files.get(name):
         raise Damaged(f"{path} has been changed", "bring it back from a copy")
@@ -219,12 +201,9 @@ def _file(folder: Path, result: DerivedResult, name: str) -> Response:
     return Response(path.read_bytes(), media_type=kind)
 
 
-# --- journal as server-sent events -----------------------------------------------------------------------------------
-
 LOOK_S = 0.25
 """Polling interval of the journal, which any program may write."""
 ALIVE_S = 15.0
-"""Interval of keep-alive comments in a silent stream."""
 
 
 def lines_of(folder: Path) -> Sequence[bytes]:

@@ -20,24 +20,19 @@ class Tenancy:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._tenant = ""
-
-    @property
-    def tenant(self) -> str:
+        self.tenant = ""
         """Its description; "" if none."""
-        return self._tenant
 
     def take(self, tenant: str) -> None:
         """Reserve the bench until `leave`. Raises InUse."""
         with self._lock:
-            if self._tenant:
-                raise InUse(f"the bench is in use by {self._tenant}", "wait until that ends, or stop it")
-            self._tenant = tenant
+            if self.tenant:
+                raise InUse(f"the bench is in use by {self.tenant}", "wait until that ends, or stop it")
+            self.tenant = tenant
 
     def leave(self) -> None:
-        """Release the bench."""
         with self._lock:
-            self._tenant = ""
+            self.tenant = ""
 
     @contextmanager
     def held(self, tenant: str) -> Iterator[None]:

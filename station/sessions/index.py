@@ -127,8 +127,6 @@ class Index:
     def __exit__(self, *_: object) -> None:
         self._close()
 
-    # --- queries
-
     def sessions(self, wanted: Filter | None = None) -> list[IndexEntry]:
         """The sessions, newest first."""
         clause, values = _where(wanted or Filter())
@@ -157,8 +155,6 @@ class Index:
         """All cameras, or all lenses. Raises KeyError."""
         query = {"cameras": "SELECT name FROM cameras", "lenses": "SELECT name FROM lenses"}[table]
         return sorted(row[0] for row in self._database.execute(query))
-
-    # --- updates
 
     def update(self) -> None:
         """Read every new or changed session; remove missing ones."""
@@ -194,7 +190,8 @@ class Index:
             camera, lens = self._name("cameras", state.camera), self._name("lenses", state.lens)
             counting = len(state.results[-1].shots) if state.results else len(state.counting())
             verdict = state.results[-1].verdict if state.results else ""
-            about = (encodable(state.plan), _utc(state.began), state.ended or "", len(state.shots), counting, verdict)
+            began = encodable(state.began).replace("Z", "+00:00")  # sortable; journals are written in UTC
+            about = (encodable(state.plan), began, state.ended or "", len(state.shots), counting, verdict)
             row = (name, stamp, camera, lens, *about, encodable(damage))
         session = self._database.execute(f"INSERT INTO sessions VALUES (NULL, {', '.join('?' * 11)})", row).lastrowid
         if state is not None:
@@ -207,10 +204,7 @@ class Index:
         number: int = self._database.execute(f"SELECT id FROM {table} WHERE name = ?", (text,)).fetchone()[0]
         return number
 
-    # --- opening
-
     def _opened(self, where: str) -> sqlite3.Connection:
-        """The database, with its tables. Raises sqlite3.DatabaseError."""
         database = sqlite3.connect(where, timeout=self.TIMEOUT_S)
         self._database = database
         database.execute("PRAGMA foreign_keys = ON")
@@ -226,7 +220,6 @@ class Index:
         return database
 
     def _fresh(self) -> sqlite3.Connection:
-        """A new index in place of the old one, in memory if it cannot be written."""
         try:
             return self._opened(str(self.path))
         except sqlite3.DatabaseError:
@@ -264,11 +257,6 @@ def _stat(path: Path) -> os.stat_result | None:
         return None
 
 
-def _utc(moment: str) -> str:
-    """ISO 8601 in sortable form; journals are written in UTC."""
-    return encodable(moment).replace("Z", "+00:00")
-
-
 def _where(wanted: Filter) -> tuple[str, list[str]]:
     conditions = {
         "cameras.name =": wanted.camera,
@@ -282,7 +270,6 @@ def _where(wanted: Filter) -> tuple[str, list[str]]:
 
 
 def _numbers(folder: Path, state: SessionState) -> Iterator[tuple[Any, ...]]:
-    """Plane, verdict, and each quantity of the last result, if its record matches the journal."""
     last = state.results[-1] if state.results else None
     path = folder / last.folder / RECORD if last else folder
     if last is None or not holds(path, last.files.get(RECORD, "")):
@@ -296,7 +283,6 @@ def _numbers(folder: Path, state: SessionState) -> Iterator[tuple[Any, ...]]:
 
 
 def _number(value: Any) -> float | None:
-    """A finite number, else None."""
     return float(value) if isinstance(value, int | float) and abs(value) < LARGEST else None
 
 

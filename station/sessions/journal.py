@@ -28,7 +28,6 @@ from procedures.outcome import ProcedureError
 from station.common.durable_files import Disk, read_own, write_failed
 from station.common.versions import software
 
-# --- The head of a journal in a second file: number of lines and sum of the last, written before the line itself ---
 # ```
 # 0000000041 9f2c...  5be0a1c4
 # 0000000042 ab12...  77d1f0e9
@@ -152,21 +151,6 @@ KERNELS = "OPENBLAS_CORETYPE"
 def machine() -> Mapping[str, Any]:
     """Everything that may change the last bits of a result; constant during a run of the program."""
     import numpy as np
-
-    return {
-        "software": software(),
-        "python": platform.python_version(),
-        "system": platform.platform(),
-        "processor": platform.processor() or platform.machine(),
-        "cores": os.cpu_count(),
-        "simd": " ".join(np.show_config(mode="dicts")["SIMD Extensions"].get("found", [])),
-        "blas": _libraries(),
-        "loops": COMPILER,
-    }
-
-
-def _libraries() -> str:
-    """The BLAS of numpy and scipy: "openblas 0.3.30 SkylakeX". OpenCV's own is ignored, as it only draws pictures."""
     import scipy.linalg  # noqa: F401  (only loaded libraries are listed)
     from threadpoolctl import threadpool_info
 
@@ -175,7 +159,16 @@ def _libraries() -> str:
         for info in threadpool_info()
         if info["user_api"] == "blas" and "opencv" not in info["filepath"]
     }
-    return ", ".join(sorted(libraries))
+    return {
+        "software": software(),
+        "python": platform.python_version(),
+        "system": platform.platform(),
+        "processor": platform.processor() or platform.machine(),
+        "cores": os.cpu_count(),
+        "simd": " ".join(np.show_config(mode="dicts")["SIMD Extensions"].get("found", [])),
+        "blas": ", ".join(sorted(libraries)),
+        "loops": COMPILER,
+    }
 
 
 @contextmanager
@@ -186,8 +179,6 @@ def same_bits() -> Iterator[None]:
     with threadpool_limits(1, user_api="blas"):
         yield
 
-
-# --- The journal ---
 
 BEGIN, SUM, END = b'{"seq":', b',"sum":"', b'"}\n'
 """How each line begins and ends; within a JSON string the quotes would be escaped."""
@@ -261,7 +252,6 @@ def _altered(name: str, number: int, what: str) -> Damaged:
 
 
 def _read(text: bytes) -> JournalLine | None:
-    """The line, None if it is not complete."""
     try:
         entry = json.loads(text)
         seq, at, clock_s, event = (entry.pop(name) for name in ("seq", "at", "clock_s", "event"))
@@ -321,7 +311,6 @@ class Journal:
         return line
 
     def _cut(self) -> None:
-        """Remove what follows the last complete line."""
         if os.fstat(self._descriptor).st_size != self._length:
             os.ftruncate(self._descriptor, self._length)
             self._disk.sync(self._descriptor)
@@ -332,7 +321,6 @@ class Journal:
 
 
 def _jsonable(value: Any) -> Any:
-    """A JSON form: non-finite numbers as `{"not_finite": "nan"}`, paths as text."""
     if isinstance(value, Mapping):
         return {str(name): _jsonable(part) for name, part in value.items()}
     if isinstance(value, list | tuple):

@@ -158,8 +158,6 @@ else:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
-# --- files of answers ------------------------------------------------------------------------------------------------
-
 GIVEN = "given"
 """The folder of such files within a session; it exists only if there are any."""
 FILE = re.compile(rf"{GIVEN}/[1-9][0-9]{{0,5}}/[A-Za-z0-9_][A-Za-z0-9._-]*")
@@ -186,7 +184,6 @@ def copied(folder: Path, files: Sequence[Path], disk: Disk) -> dict[str, str]:
 
 
 def _free(root: Path) -> Path:
-    """A new numbered folder in this one."""
     with write_errors(root):
         root.mkdir(exist_ok=True)
         taken = [int(path.name) for path in root.iterdir() if path.name.isdecimal()]

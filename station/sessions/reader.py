@@ -13,39 +13,21 @@ from typing import Any, Protocol
 
 from station.common.durable_files import holds, sha256_of, write_errors
 from station.results.result_files import RECORD
+from station.sessions import layout
 from station.sessions.journal import HEAD, Contents, Damaged, Gap, gap, machine, read_journal
-from station.sessions.layout import (
-    CONFIG,
-    DERIVED,
-    GIVEN,
-    JOURNAL,
-    ORIGINALS,
-    Lock,
-    check_layout,
-    has_parts,
-    is_session,
-    read_config,
-)
 from station.sessions.state import SessionShot, SessionState, replay
 
 
 @dataclass(frozen=True)
 class SessionRecord:
-    """The content of a session's folder: frozen configuration, journal, and the resulting state.
-
-    `gap` lists the lines that the journal lacks according to its head.
-    """
+    """The content of a session's folder: frozen configuration, journal, and the resulting state. `gap` lists the lines
+    that the journal lacks according to its head."""
 
     folder: Path
     config: Mapping[str, Any]
     contents: Contents
     state: SessionState
     gap: Gap
-
-    @property
-    def has_head(self) -> bool:
-        """Whether it was ever opened by a version that writes the journal's head."""
-        return _has_head(self.contents)
 
     @property
     def oddities(self) -> tuple[str, ...]:
@@ -66,10 +48,10 @@ class SessionRecord:
 
 def read_session(folder: Path) -> SessionRecord:
     """A session's configuration and journal, verified, its photographs by `verify`. Raises BadInput, Damaged."""
-    check_layout(folder)
-    config, first_sum = read_config(folder)
+    layout.check_layout(folder)
+    config, first_sum = layout.read_config(folder)
     for pause_s in (*BETWEEN_WRITES_S, 0.0):
-        contents = read_journal(folder / JOURNAL, first_sum)
+        contents = read_journal(folder / layout.JOURNAL, first_sum)
         missing = gap(folder / HEAD, [line.sum for line in contents.lines], expected=_has_head(contents))
         if not missing.words:
             break
@@ -88,8 +70,8 @@ def _has_head(contents: Contents) -> bool:
 def unknown_files(folder: Path, state: SessionState) -> list[str]:
     """Photographs in originals/ and results in derived/ that are not in the journal."""
     known = {shot.path for shot in (*state.shots, state.adopting) if shot} | {result.folder for result in state.results}
-    originals = [path for path in (folder / ORIGINALS).iterdir() if not path.name.startswith(".")]
-    results = [path for path in (folder / DERIVED).iterdir() if path.name.isdecimal()]
+    originals = [path for path in (folder / layout.ORIGINALS).iterdir() if not path.name.startswith(".")]
+    results = [path for path in (folder / layout.DERIVED).iterdir() if path.name.isdecimal()]
     return [name for path in sorted(originals + results) if (name := path.relative_to(folder).as_posix()) not in known]
 
 
@@ -131,13 +113,13 @@ def check_whole(record: SessionRecord) -> None:
     if record.lost:
         raise Damaged(
             f"{record.folder.name}: {record.lost}",
-            f"bring {JOURNAL} and {HEAD} back from a copy; or resume: files in the folder are kept, and listed",
+            f"bring {layout.JOURNAL} and {HEAD} back from a copy; or resume: files in the folder are kept, and listed",
         )
 
 
 def sums(folder: Path, state: SessionState) -> bytes:
     """The hashes of configuration, photographs, files of answers and results, in the format of `sha256sum`."""
-    entries = {CONFIG: sha256_of(folder / CONFIG)}
+    entries = {layout.CONFIG: sha256_of(folder / layout.CONFIG)}
     entries |= {shot.path: shot.sha256 for shot in state.shots if not shot.lost}
     entries |= state.given
     for result in state.results:
@@ -149,23 +131,17 @@ def sessions_in(root: Path) -> Iterator[Path]:
     """The folders of all sessions in a folder, also damaged ones, sorted by name; hidden folders are no sessions."""
     if root.is_dir():
         named = [path for path in root.iterdir() if not path.name.startswith(".")]
-        yield from sorted(path for path in named if is_session(path) or has_parts(path))
-
-
-# --- deletion ---
+        yield from sorted(path for path in named if layout.is_session(path) or layout.has_parts(path))
 
 
 def delete_session(folder: Path) -> None:
     """Delete a session with photographs and results. Raises BadInput if it is none; Busy if open; NotKept."""
-    check_layout(folder)
-    Lock(folder).release()  # raises if another program has it open
+    layout.check_layout(folder)
+    layout.Lock(folder).release()  # raises if another program has it open
     doomed = folder.with_name(f".deleting-{secrets.token_hex(8)}")
     with write_errors(folder):
         folder.rename(doomed)
         shutil.rmtree(doomed)
-
-
-# --- Recovery when a session is opened: completes what a crash interrupted, and reports irregularities ---
 
 
 class OpenSession(Protocol):
@@ -197,8 +173,10 @@ def recover(session: OpenSession, record: SessionRecord, without: Collection[int
     _sweep(session.folder)
     if record.gap.lines:
         session.note("cut", lines=record.gap.lines)
-    elif record.has_head and not record.oddities:
-        _discard_unconfirmed(session)
+    elif _has_head(record.contents) and not record.oddities:  # the journal is complete: these were never confirmed
+        for relative in unknown_files(session.folder, session.state):
+            if relative.startswith(layout.DERIVED) and not (session.folder / relative).is_symlink():
+                shutil.rmtree(session.folder / relative, ignore_errors=True)
     session.note("opened", process=os.getpid(), machine=machine(), head=HEAD)
     if torn := record.contents.torn:
         session.note("torn", bytes=len(torn), text=torn[:10_000].decode("utf-8", "replace"))
@@ -212,9 +190,17 @@ def recover(session: OpenSession, record: SessionRecord, without: Collection[int
         finish_adopting(session, session.state.adopting)
     if wrong := damaged_results(session.folder, session.state):
         session.notice(f"{', '.join(wrong)}: missing or changed; bring them back from a copy")
-    _give_up_awaited(session)
-    _name_unfinished(session)
-    _name_strangers(session)
+    _repeat_unfinished(session)
+    unknown = unknown_files(session.folder, session.state)
+    for relative in unknown:
+        path = session.folder / relative
+        file = path / RECORD if relative.startswith(layout.DERIVED) else path
+        digest = sha256_of(file) if file.is_file() and not file.is_symlink() else ""
+        if session.state.strangers.get(relative) != digest:
+            session.note("found", path=relative, sha256=digest)
+            where = f"{path.name!r} is in {path.parent.name}/ but not in the journal"
+            session.notice(f"{where}; it is kept unchanged, and not used")
+    session.leftovers = tuple(session.folder / path for path in unknown if path.startswith(layout.DERIVED))
     session.write_sums()
 
 
@@ -225,36 +211,38 @@ def finish_adopting(session: OpenSession, shot: SessionShot) -> None:
         session.take_in(shot, source)
         session.notice(f"shot {shot.number} had been announced but not adopted; it is now in the session")
         return
-    _say_and_give_up(
-        session,
-        f"shot {shot.number} had been announced but not adopted, and {source} is missing or changed: "
-        "it will be taken again",
-        shot=shot.number,
-    )
+    words = f"shot {shot.number} had been announced but not adopted, and {source} is missing or changed: "
+    _say_and_give_up(session, words + "it will be taken again", shot=shot.number)
 
 
 def _say_and_give_up(session: OpenSession, say: str, **what: Any) -> None:
-    """Report, then give up, in this order: after a power failure between the two nothing is repeated unreported."""
     if say not in session.state.notices:
         session.notice(say)
     session.note("gave_up", **what)
 
 
-def _give_up_awaited(session: OpenSession) -> None:
-    awaited = session.state.awaited
-    if awaited is None:
-        return
-    _say_and_give_up(
-        session,
-        f"an exposure for {awaited.purpose} ({awaited.step}) was requested, but its photograph is not in the session: "
-        "it will be taken again",
-        step=awaited.step,
-        purpose=awaited.purpose,
+def _sweep(folder: Path) -> None:
+    halves = (
+        folder.glob(".*.part"),
+        (folder / layout.ORIGINALS).glob(".*.part"),
+        (folder / layout.GIVEN).glob("*/.*.part"),
     )
+    for part in chain.from_iterable(halves):
+        part.unlink()
+    for unfinished in (folder / layout.DERIVED).glob("*/.unfinished-*"):
+        if not unfinished.parent.is_symlink():
+            shutil.rmtree(unfinished, ignore_errors=True)
+            with contextlib.suppress(OSError):  # it is not empty
+                unfinished.parent.rmdir()
 
 
-def _name_unfinished(session: OpenSession) -> None:
-    """A step that was not finished begins again: shots that count are used, trials are repeated."""
+def _repeat_unfinished(session: OpenSession) -> None:
+    if awaited := session.state.awaited:
+        words = (
+            f"an exposure for {awaited.purpose} ({awaited.step}) was requested, but its photograph is not in the "
+            "session: it will be taken again"
+        )
+        _say_and_give_up(session, words, step=awaited.step, purpose=awaited.purpose)
     step = session.state.step
     others = [shot for shot in session.state.shots if shot.step == step and not shot.counts and not shot.lost]
     say = (
@@ -263,36 +251,3 @@ def _name_unfinished(session: OpenSession) -> None:
     )
     if step and others and say not in session.state.notices:
         session.notice(say)
-
-
-def _name_strangers(session: OpenSession) -> None:
-    """List photographs and results that are not in the journal, once; they stay untouched."""
-    unknown = unknown_files(session.folder, session.state)
-    for relative in unknown:
-        path = session.folder / relative
-        file = path / RECORD if relative.startswith(DERIVED) else path
-        digest = sha256_of(file) if file.is_file() and not file.is_symlink() else ""
-        if session.state.strangers.get(relative) != digest:
-            session.note("found", path=relative, sha256=digest)
-            where = f"{path.name!r} is in {path.parent.name}/ but not in the journal"
-            session.notice(f"{where}; it is kept unchanged, and not used")
-    session.leftovers = tuple(session.folder / path for path in unknown if path.startswith(DERIVED))
-
-
-def _discard_unconfirmed(session: OpenSession) -> None:
-    """Remove results that were never confirmed, which is certain only if the journal is known to be complete."""
-    for relative in unknown_files(session.folder, session.state):
-        if relative.startswith(DERIVED) and not (session.folder / relative).is_symlink():
-            shutil.rmtree(session.folder / relative, ignore_errors=True)
-
-
-def _sweep(folder: Path) -> None:
-    """Remove files that a crash left half-written."""
-    halves = (folder.glob(".*.part"), (folder / ORIGINALS).glob(".*.part"), (folder / GIVEN).glob("*/.*.part"))
-    for part in chain.from_iterable(halves):
-        part.unlink()
-    for unfinished in (folder / DERIVED).glob("*/.unfinished-*"):
-        if not unfinished.parent.is_symlink():
-            shutil.rmtree(unfinished, ignore_errors=True)
-            with contextlib.suppress(OSError):  # it is not empty
-                unfinished.parent.rmdir()

@@ -44,24 +44,8 @@ from station.common.durable_files import (
     write_errors,
 )
 from station.common.toml_text import toml_text
+from station.sessions import layout
 from station.sessions.journal import Contents, Journal, JournalLine, machine
-from station.sessions.layout import (
-    CONFIG,
-    DERIVED,
-    FOLDERS,
-    JOURNAL,
-    SCHEMA,
-    SUMS,
-    WIRE,
-    Lock,
-    check_layout,
-    copied,
-    free_original,
-    inside,
-    own,
-    read_config,
-    safe_name,
-)
 from station.sessions.reader import SessionRecord, finish_adopting, read_session, recover, sums, verify
 from station.sessions.state import DerivedResult, SessionShot, SessionState, after
 
@@ -78,7 +62,7 @@ def utc_now() -> datetime:
 class Session:
     """An open session; made by `create` or `open`. Thread-safe."""
 
-    def __init__(self, record: SessionRecord, clock: Clock, today: Today, disk: Disk, lock: Lock) -> None:
+    def __init__(self, record: SessionRecord, clock: Clock, today: Today, disk: Disk, lock: layout.Lock) -> None:
         self.folder = record.folder
         self.config = record.config
         self.clock = clock
@@ -86,7 +70,7 @@ class Session:
         self._disk = disk
         self._lock = lock
         self._guard = threading.RLock()
-        self._journal = Journal(self.folder / JOURNAL, record.contents, disk)
+        self._journal = Journal(self.folder / layout.JOURNAL, record.contents, disk)
         self._state = record.state
         self._open = True
         self._wires: Path | None = None
@@ -96,8 +80,6 @@ class Session:
     def state(self) -> SessionState:
         """The state according to the journal."""
         return self._state
-
-    # --- begin and end -------------------------------------------------------------------------------------------
 
     @classmethod
     def create(
@@ -112,9 +94,9 @@ class Session:
         """
         disk = disk or Disk()
         began = today()
-        head = {"schema": SCHEMA, "plan": plan, "camera": camera, "lens": lens, "began": began.isoformat()}
+        head = {"schema": layout.SCHEMA, "plan": plan, "camera": camera, "lens": lens, "began": began.isoformat()}
         first = JournalLine(1, began.isoformat(), clock.now_s(), "created", {**head, "seed": seed})
-        names = (safe_name(camera, "camera"), safe_name(lens, "lens"), safe_name(plan, "plan"))
+        names = (layout.safe_name(camera, "camera"), layout.safe_name(lens, "lens"), layout.safe_name(plan, "plan"))
         with write_errors(root):
             root.mkdir(parents=True, exist_ok=True)
             sweep(root, ".creating-")
@@ -143,8 +125,8 @@ class Session:
 
         without : numbers of shots whose photographs are permanently lost; they no longer count.
         """
-        check_layout(folder)
-        lock = Lock(folder)
+        layout.check_layout(folder)
+        lock = layout.Lock(folder)
         try:
             record = read_session(folder)
             session = cls(record, clock, today, disk or Disk(), lock)
@@ -166,7 +148,7 @@ class Session:
                 self._open = False
                 if self._wires is not None:
                     with suppress(WriteFailed, OSError):  # the disk is full: the files stay, but are not verified later
-                        self.note("wired", folder=f"{WIRE}/{self._wires.name}", files=hashes_in(self._wires))
+                        self.note("wired", folder=f"{layout.WIRE}/{self._wires.name}", files=hashes_in(self._wires))
                 self._journal.close()
                 self._lock.release()
 
@@ -175,8 +157,6 @@ class Session:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-    # --- the journal ---------------------------------------------------------------------------------------------
 
     def note(self, event: str, **data: Any) -> None:
         """Append a line to the journal; it is on the disk when this returns. Raises WriteFailed."""
@@ -197,7 +177,7 @@ class Session:
     def give(self, files: Sequence[Path]) -> tuple[str, ...]:
         """Keep copies of files referred to by an answer; returns their paths. Raises WriteFailed, ContentChanged."""
         with self._guard:
-            hashes = copied(self.folder, files, self._disk)
+            hashes = layout.copied(self.folder, files, self._disk)
             self.note("given", source=str(files[0].absolute()), files=hashes)
             self.write_sums()
             return tuple(hashes)
@@ -217,8 +197,6 @@ class Session:
     def end(self, how: str) -> None:
         """Record the end of the run: "finished", "stopped", "emergency". Raises WriteFailed."""
         self.note("ended", how=how)
-
-    # --- photographs ---------------------------------------------------------------------------------------------
 
     def expect(self, step: str, purpose: str) -> int:
         """Announce an exposure, so that a missing one is reported on resuming. Returns the future shot's number."""
@@ -240,7 +218,7 @@ class Session:
                 pending = None
             if pending is None:
                 number = self.state.next_number
-                path = free_original(self.folder, number, exposure.path.name, exposure.sha256)
+                path = layout.free_original(self.folder, number, exposure.path.name, exposure.sha256)
                 record = {**asdict(exposure), "path": exposure.path.absolute()}
                 file = (path, exposure.sha256, exposure.size_bytes)
                 pending = self._announce(SessionShot(number, *file, purpose, step, exposure=record, snapshot=snapshot))
@@ -264,12 +242,12 @@ class Session:
 
     def original(self, shot: SessionShot) -> Path:
         """The path of its photograph. Raises Damaged if it is missing."""
-        return inside(self.folder, shot.path)
+        return layout.inside(self.folder, shot.path)
 
     def take_in(self, shot: SessionShot, source: Path) -> SessionShot:
         """Copy an announced photograph, under a free name, and confirm it. Raises ContentChanged, WriteFailed."""
         if os.path.lexists(self.folder / shot.path) and not holds(self.folder / shot.path, shot.sha256):
-            path = free_original(self.folder, shot.number, source.name, shot.sha256)
+            path = layout.free_original(self.folder, shot.number, source.name, shot.sha256)
             shot = self._announce(replace(shot, path=path))
         target = self.folder / shot.path
         if holds(target, shot.sha256):
@@ -282,12 +260,10 @@ class Session:
         self.write_sums()
         return self.state.shot(shot.number)
 
-    # --- results -------------------------------------------------------------------------------------------------
-
     def result_folder(self) -> Path:
         """The folder of the next result; `keep_result` confirms it. Raises Damaged if it is a link."""
         names = [Path(result.folder).name for result in self.state.results] + [path.name for path in self.leftovers]
-        return own(self.folder / DERIVED / str(max(map(int, names), default=0) + 1))
+        return layout.own(self.folder / layout.DERIVED / str(max(map(int, names), default=0) + 1))
 
     def keep_result(self, *, step: str, shots: Sequence[int], verdict: str, **about: Any) -> DerivedResult:
         """Confirm the files in `result_folder()` as the result of a step, computed from these shots.
@@ -299,34 +275,32 @@ class Session:
         with self._guard:
             folder, standing = self.result_folder(), self.state.standing
             with write_errors(folder):
-                files = self._synchronised(folder)
+                for path in files_in(folder):
+                    self._disk.settle(path)
+                for each in (folder, folder.parent):
+                    self._disk.sync_folder(each)
+                files = hashes_in(folder)
             if standing is not None and (standing.step, standing.files) == (step, files):
                 shutil.rmtree(folder)
                 return standing
-            if (same := self._unconfirmed_with(files)) is not None:
+            known = {self.folder / result.folder for result in self.state.results}
+            if same := next((path for path in self.leftovers if path not in known and holds_all(path, files)), None):
                 shutil.rmtree(folder)
                 folder = same
-            about_files = {"folder": f"{DERIVED}/{folder.name}", "files": files, "shots": list(shots), "step": step}
+            about_files = {
+                "folder": f"{layout.DERIVED}/{folder.name}",
+                "files": files,
+                "shots": list(shots),
+                "step": step,
+            }
             self.note("derived", **about_files, verdict=verdict, machine=machine(), **about)
             self.write_sums()
             return self.state.results[-1]
 
-    def _unconfirmed_with(self, files: Mapping[str, str]) -> Path | None:
-        known = {self.folder / result.folder for result in self.state.results}
-        return next((path for path in self.leftovers if path not in known and holds_all(path, files)), None)
-
-    def _synchronised(self, folder: Path) -> dict[str, str]:
-        """Make a folder durable; returns the hash of every file in it."""
-        for path in files_in(folder):
-            self._disk.settle(path)
-        for each in (folder, folder.parent):
-            self._disk.sync_folder(each)
-        return hashes_in(folder)
-
     def wire_folder(self) -> Path:
         """Create the folder of this opening's transcripts. Raises WriteFailed."""
         number = sum(line.event == "opened" for line in self._journal.lines)
-        folder = own(self.folder / WIRE / f"{number:03d}")
+        folder = layout.own(self.folder / layout.WIRE / f"{number:03d}")
         with write_errors(folder):
             folder.mkdir(exist_ok=True)
         self._wires = folder
@@ -344,7 +318,7 @@ class Session:
     def write_sums(self) -> None:
         """Write the hashes for `sha256sum --check`; postponed if the disk is full."""
         text = sums(self.folder, self.state)
-        path = self.folder / SUMS
+        path = self.folder / layout.SUMS
         try:
             if not path.is_symlink() and path.is_file() and path.read_bytes() == text:
                 return
@@ -353,18 +327,15 @@ class Session:
             return
 
 
-# --- creation of a session's folder: filled under a hidden name, then renamed, so that it appears atomically ---
-
-
 def furnish(folder: Path, config: bytes, first: JournalLine, disk: Disk) -> None:
     """Write everything that a session needs, durably."""
-    for name in FOLDERS:
+    for name in layout.FOLDERS:
         with write_errors(folder / name):
             (folder / name).mkdir()
-    for name, data in ((CONFIG, config), (JOURNAL, b"")):
+    for name, data in ((layout.CONFIG, config), (layout.JOURNAL, b"")):
         disk.write_whole(folder / name, data)
-    _, first_sum = read_config(folder)
-    journal = Journal(folder / JOURNAL, Contents((), first_sum, 0), disk)
+    _, first_sum = layout.read_config(folder)
+    journal = Journal(folder / layout.JOURNAL, Contents((), first_sum, 0), disk)
     try:
         journal.append(first.event, first.at, first.clock_s, first.data)
     finally:

@@ -52,10 +52,8 @@ class SessionShot:
 
 @dataclass(frozen=True)
 class DerivedResult:
-    """One result: its folder relative to the session's, the SHA-256 of its files, its shots and step.
-
-    `about` holds further data of the journal: verdicts, duration, machine.
-    """
+    """One result: its folder relative to the session's, the SHA-256 of its files, its shots and step. `about` holds
+    further data of the journal: verdicts, duration, machine."""
 
     folder: str
     files: Mapping[str, str]
@@ -254,8 +252,6 @@ def _shot(data: Mapping[str, Any]) -> SessionShot:
         str(data["step"]), exposure=dict(data["exposure"]), snapshot=dict(data["snapshot"]),
     )  # fmt: skip
 
-
-# --- The terms of a session's results: unit and specification, from its frozen configuration ---
 
 KEY = "specification"
 UNIT = "unit"

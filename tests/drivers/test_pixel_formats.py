@@ -18,7 +18,7 @@ def rng():
     return np.random.default_rng(7)
 
 
-def test_twelve_bits_as_the_convention_draws_them():
+def test_twelve_and_ten_bits_are_packed_as_the_conventions_draw_them():
     # 0xABC and 0x123 (PFNC 2.4, figure of Mono12p): BC, A of the first in the low half, 3 above it, 12
     truth = [[0xABC, 0x123]]
     np.testing.assert_array_equal(unpack(bytes([0xBC, 0x3A, 0x12]), PixelFormat("", 12, "p"), 1, 2), truth)
@@ -26,9 +26,6 @@ def test_twelve_bits_as_the_convention_draws_them():
     np.testing.assert_array_equal(
         unpack(bytes([0xAB, 0x3C, 0x12]), PixelFormat("", 12, "Packed"), 1, 2), [[0xABC, 0x123]]
     )
-
-
-def test_ten_bits_packed_as_gige_vision_draws_them():
     # 0b11_0000_0110 = 774 and 0b00_1111_1101 = 253: high eight bits outside, low two at bits 0 and 4 of the middle
     data = bytes([0b11000001, 0b0001_0010, 0b00111111])
     np.testing.assert_array_equal(unpack(data, PixelFormat("", 10, "Packed"), 1, 2), [[774, 253]])

@@ -299,16 +299,10 @@ def test_a_port_is_found_by_its_usb_serial_number(address):
     assert resolve(address, lambda: PORTS) == "/dev/ttyUSB1"
 
 
-def test_a_serial_number_that_is_not_there_names_those_that_are():
+def test_a_serial_number_that_is_not_there_names_those_that_are_and_other_addresses_are_left_alone():
     with pytest.raises(LineLost, match=r"/dev/ttyUSB0 has no serial number, /dev/ttyUSB1 has A10K8QZV"):
         resolve("usb:OTHER", lambda: PORTS)
-
-
-def test_other_addresses_are_left_alone():
     assert resolve("socket://host:1", lambda: PORTS) == "socket://host:1"
-
-
-def test_the_system_clock_waits_no_longer_than_its_deadline():
     clock, condition = SystemClock(), threading.Condition()
     begin_s = clock.now_s()
     with condition:

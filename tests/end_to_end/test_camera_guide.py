@@ -135,23 +135,14 @@ def places_of(shots) -> list:
     return [shot for shot in shots if shot.step == "tour"]
 
 
-def test_each_place_is_photographed_once_despite_the_interruption(done):
+def test_every_place_is_photographed_once_and_every_check_passes_in_ten_minutes(done):
     assert [end.how for end in done.ends] == ["stopped", "stopped", "finished"]
     assert [len(places_of(shots)) for shots in done.shots] == [0, 3, FEWEST]
     assert [shot.purpose for shot in places_of(done.shots[2])] == [
         f"place {i} of {FEWEST}" for i in range(1, FEWEST + 1)
     ]
-
-
-def test_every_check_passes(done):
     assert {"look", "place"}.isdisjoint(ask.key for ask in done.asked)
-
-
-def test_the_whole_session_takes_less_than_ten_minutes(done):
     assert done.minutes < 10
-
-
-def test_panel_and_turned_chart_are_photographed_too(done):
     facts = facts_as(WholeCameraFacts, done.state.facts)
     assert len(facts.lit) == 2 * LEVELS + 2 * PICTURES
     assert sorted(facts.flats.values()) == list(range(QUARTERS))
@@ -159,16 +150,13 @@ def test_panel_and_turned_chart_are_photographed_too(done):
     assert len(facts.turned) == len(poses) == VIEWS
     assert len({(round(one.yaw_deg / 35), round(one.pitch_deg / 35)) for one in poses}) >= 3
     assert all(max(abs(one.yaw_deg), abs(one.pitch_deg)) < 35 + TURN_DEG for one in poses)
-
-
-def test_the_benefit_of_turned_views_is_shown_before_they_are_taken(done):
     (diagram,) = (e.diagram for e in done.heard[2] if isinstance(e, DiagramEvent) and "turned" in e.diagram.label)
     assert diagram.x[0] == 0
     assert list(diagram.y) == sorted(diagram.y, reverse=True)
     assert diagram.y[-1] < diagram.y[0] / 2
 
 
-def test_counting_charts_are_at_their_target_positions(done):
+def test_charts_nodes_and_covariance_are_those_of_the_lens(done):
     # the truth is the simulator's own projection; the check allows NEAR, detection errs by far less than 1 % of that
     facts = done.state.facts
     wanted = np.array([(one.x, one.y) for one in locations(facts)])
@@ -179,9 +167,6 @@ def test_counting_charts_are_at_their_target_positions(done):
     assert len(off) > FEWEST  # the turned views, which may be farther off, after them
     assert max(off[:FEWEST]) <= 100 * NEAR
     assert np.ptp(wanted, axis=0).min() > 0.4
-
-
-def test_the_field_s_nodes_are_the_lens_s(done):
     field = read_field(done.result.folder / "field.h5")["Y"]
     assert len(field.nodes) == FEWEST
     for node, shot in zip(field.nodes, places_of(done.shots[2]), strict=True):
@@ -189,9 +174,6 @@ def test_the_field_s_nodes_are_the_lens_s(done):
         # the norm of 289 correlated values scatters by a third
         expected = np.hypot(np.sqrt(np.trace(node.psf.covariance)), true.floor)
         assert np.linalg.norm(node.psf.h - true.h) < 1.6 * expected
-
-
-def test_all_numbers_of_the_camera_have_one_covariance(done):
     found = read_camera_numbers(done.result.folder / "camera.h5")
     parts = {name.partition(".")[0] for name in found.names}
     assert parts == {"geometry", "psf", "vignetting", "sensor"}  # one plane: no colours
@@ -215,7 +197,7 @@ def test_the_numbers_are_the_simulated_camera_s(done):
     assert sum(found[f"vignetting.Y.k{i}"][0] for i in (1, 2, 3)) == pytest.approx(sum(VIGNETTING), abs=0.002)
 
 
-def test_every_place_is_estimated_once_with_the_measured_sensor(done):
+def test_the_measured_sensor_is_used_and_that_is_stated(done):
     by_room = {room: [sensor for of, sensor in done.estimates if of is room] for room, _ in done.estimates}
     assert len(by_room[field_estimate]) == FEWEST
     assert len(by_room[geometry_photographs]) == VIEWS
@@ -225,14 +207,8 @@ def test_every_place_is_estimated_once_with_the_measured_sensor(done):
     # the response is a line; through the lens light falls off by an eighth, of which PRNU must not hold anything
     assert abs(model.bent(np.float64(model.saturation / 2)) / (model.saturation / 2) - 1) < 4 * model.bend_uncertainty
     assert model.prnu < 2e-4
-
-
-def test_the_certificate_has_the_numbers_of_every_part(done):
     page = certificate_files(done.folder)["certificate.html"].decode()
     assert all(words in page for words in ("Y, sensor", "Y, vignetting", "Y, geometry", "System gain K", "EMVA"))
-
-
-def test_page_record_and_covariance_state_the_use_of_the_sensor(done):
     folder, page = done.result.folder, done.ends[2].report.read_text()
     record = json.loads((folder / "result.json").read_text())["field"]
     assert record["parts"]["sensor"]["used"] == f"Y: {USED}"
@@ -244,7 +220,7 @@ def test_page_record_and_covariance_state_the_use_of_the_sensor(done):
     assert any("response and noise were used" in one for one in why)
 
 
-def test_one_page_leads_to_all_parts(done):
+def test_the_report_leads_to_all_parts_and_is_recomputed_bitwise(done):
     folder, page = done.result.folder, done.ends[2].report.read_text()
     collected = json.loads((folder / "result.json").read_text())["field"]["parts"]
     assert set(collected) == {"geometry", "vignetting", "sensor"}
@@ -252,20 +228,11 @@ def test_one_page_leads_to_all_parts(done):
         assert f'href="{one["look"]}"' in page
         assert (folder / one["look"]).is_file()
     assert "The whole camera" in page
-
-
-def test_it_ends_with_a_report_of_the_field(done):
     page = done.ends[2].report.read_text()
     assert page.startswith("<!doctype html>")
     assert session_page(done.folder) == page
-
-
-def test_it_is_recomputed_bitwise(done):
     (again,) = recompute(done.folder)
     assert again.identical, again
-
-
-def test_the_command_line_uses_the_same_photographs_of_the_session(done):
     assert photographs(done.folder) == [done.folder / shot.path for shot in done.shots[2]]
 
 

@@ -65,31 +65,22 @@ def test_all_documented_files_are_written(demonstration):
         assert np.load(out / "results" / setup.name / "psf_G1.npy").sum() == pytest.approx(1)
 
 
-def test_photographs_are_raw_files_with_the_frame_and_exposure_of_the_record(demonstration):
+def test_every_plane_of_every_photograph_passes_within_its_uncertainties(demonstration):
     for setup, collected in zip(SETUPS, demonstration.record["photographs"], strict=True):
         frame = read_frame(demonstration.out / collected["input"]["path"])
         assert frame.sha256 == collected["input"]["sha256"]
         assert tuple(frame.planes) == PLANES
         assert frame.planes["R"].samples.shape == (setup.rows // 2, setup.columns // 2)
         assert (frame.exposure.f_number, frame.exposure.iso) == (2.8, 400)
-
-
-def test_every_plane_passes_with_the_error_that_its_error_bars_promise(demonstration):
     # the relative error's square is a sum over modes of which few are large: 1.3 leaves room for three deviations
     assert [plane["verdict"] for plane in planes(demonstration)] == ["pass"] * 4 * len(SETUPS)
     ratios = [plane["error"] / plane["expected_error"] for plane in planes(demonstration)]
     assert max(ratios) < 1.3
     assert 0.9 < np.mean(ratios) < 1.1
-
-
-def test_true_mtf50_lies_within_the_uncertainties(demonstration):
     both = [plane[f"mtf50_{direction}"] for plane in planes(demonstration) for direction in ("horizontal", "vertical")]
     off = np.array([(one["value"] - one["true"]) / one["uncertainty"] for one in both])
     np.testing.assert_allclose(off, [one["sigmas"] for one in both])
     assert np.mean(np.abs(off) < 2.5) >= 0.95
-
-
-def test_printed_edges_check_the_psf_where_the_lens_blurs_alike(demonstration):
     # in the middle of the frame the PSF is the same over chart and edges
     for setup in SETUPS[:2]:
         record = json.loads((demonstration.out / "results" / setup.name / "result.json").read_text())
@@ -98,20 +89,14 @@ def test_printed_edges_check_the_psf_where_the_lens_blurs_alike(demonstration):
         assert abs(np.mean([check["difference"] for check in checks])) < 0.01
         assert max(abs(check["sigmas"]) for check in checks) < 3.5
     assert "MTF50 across the near-vertical edge" in (demonstration.out / "index.html").read_text()
-
-
-def test_centres_are_where_the_marks_are_seen(demonstration):
     assert max(np.hypot(*plane["centre_px"]) for plane in planes(demonstration)) < 0.03
 
 
-def test_table_on_stdout_lists_every_plane_in_eighty_columns(demonstration):
+def test_table_and_progress_fit_into_eighty_columns_without_a_terminal(demonstration):
     lines = demonstration.done.stdout.splitlines()
     assert max(map(len, lines)) <= 80
     assert [line.split()[0] for line in lines if line.rstrip().endswith("pass")] == list(PLANES) * len(SETUPS)
     assert f"{4 * len(SETUPS)} of {4 * len(SETUPS)} planes pass" in demonstration.done.stdout
-
-
-def test_progress_is_a_line_for_each_step_without_a_terminal(demonstration):
     lines = demonstration.done.stderr.splitlines()
     assert len(lines) == demo.steps() + 1
     assert lines[1] == f"{SETUPS[0].title}: photographed"
@@ -145,7 +130,7 @@ class Page(HTMLParser):
         assert self.open.pop() == tag
 
 
-def test_page_stands_alone(demonstration):
+def test_page_stands_alone_and_begins_with_the_verdict(demonstration):
     text = (demonstration.out / "index.html").read_text()
     page = Page(text)
     assert page.open == []
@@ -155,10 +140,6 @@ def test_page_stands_alone(demonstration):
     assert not page.tags & {"script", "link", "iframe", "object", "img"}
     assert not re.search(r"https?://|@import|url\((?!#)", text)
     assert len(text.encode()) < 3e6
-
-
-def test_page_begins_with_the_verdict_and_shows_every_plane(demonstration):
-    text = (demonstration.out / "index.html").read_text()
     assert text.index("20 of 20 planes pass</h1>") < text.index("<table")
     assert text.count('<article class="card">') == 20
     for one in demonstration.record["photographs"]:

@@ -57,7 +57,7 @@ def small_bench(root, rows, columns):
     return bench
 
 
-def test_it_completes_without_manual_work_and_passes(done):
+def test_it_passes_without_manual_work_and_depth_is_that_of_the_sheets(done):
     assert done.ended.how == "finished"
     assert done.result.verdict is Verdict.PASS, done.result.reason
     assert [shot.purpose for shot in done.state.counting()] == ["first", "second", "truth"]
@@ -66,9 +66,6 @@ def test_it_completes_without_manual_work_and_passes(done):
     for shot, axis in zip(done.state.counting()[:2], (0, 1), strict=True):
         imu = np.array(shot.snapshot["motion"]["acceleration_m_s2"])[:, axis]
         assert np.ptp(imu) / 2 == pytest.approx(0.0019 * (20 * np.pi) ** 2, rel=0.4)
-
-
-def test_depth_is_that_of_the_sheets(done):
     back, middle, front = (done.view.world.distance_mm(0.0) + sheet.behind_mm for sheet in done.view.sheets)
     assert json.loads((done.result.folder / "result.json").read_text())["w"]["unit"] == "1/m"
     for part, distance_mm in ((NEAREST, front), (ROUND, middle), (BACK, back)):

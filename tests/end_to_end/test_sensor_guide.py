@@ -40,24 +40,18 @@ def done(tmp_path_factory):
     return collected
 
 
-def test_dark_ladder_and_flats_are_taken_once_each_in_under_ten_minutes(done):
+def test_gain_and_noise_are_the_sensor_s_from_pictures_taken_once_each(done):
     assert done.end.how == "finished"
     taken = [shot.purpose for shot in done.state.counting()]
     pairs = [f"level {light:.3f}" for light in ladder(LEVELS) for _ in range(2)]
     assert taken == ["dark"] * PICTURES + pairs + ["flat"] * PICTURES
     assert done.minutes < 10
-
-
-def test_gain_and_noise_are_the_sensor_s(done):
     collected = json.loads((done.result.folder / "result.json").read_text())["planes"]["Y"]
     assert collected["verdict"] != "refused", collected["reason"]
     truths = {"system_gain": 1 / done.sensor.gain_e_per_dn, "temporal_dark_noise": done.sensor.read_noise_e}
     for name, true in truths.items():
         one = collected[name]
         assert one["value"] == pytest.approx(true, abs=4 * one["uncertainty"] + 0.003 * true), name
-
-
-def test_it_has_the_files_of_the_command_and_can_be_computed_again(done):
     names = {path.name for path in done.result.folder.iterdir()}
     assert {"emva1288.xml", "report.html", "transfer_Y.csv", "numbers.csv"} <= names
     (again,) = recompute(done.folder)

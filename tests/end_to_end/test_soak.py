@@ -1,4 +1,4 @@
-"""Random operation with photographs under faults, see `tests/benchmarks/soak.py`: one short seed, and more at night."""
+"""Random operation with photographs under faults, see `tests/benchmarks/soak.py`: one short seed."""
 
 import pytest
 
@@ -17,9 +17,3 @@ def test_the_soak_notices_times_that_are_not_as_right_as_stated(monkeypatch):
     monkeypatch.setattr(StrigShutter, "within_s", lambda self, t_us: 0.0)
     with pytest.raises(soak.Broken, match=r"opened .* ms off, stated within 0\.010 ms"):
         soak.soak_seed(2, 40)
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("seed", range(4))
-def test_a_soak_of_500_operations(seed):
-    assert soak.soak_seed(seed, 500)["photographs"] > 100

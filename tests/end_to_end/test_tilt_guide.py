@@ -61,23 +61,17 @@ def done(tmp_path_factory):
     return collected
 
 
-def test_two_turns_of_the_screws_leave_less_than_five_micrometres(done):
+def test_two_turns_of_the_screws_leave_less_than_five_micrometres_and_no_more_are_asked_for(done):
     assert done.end.how == "finished"
     corners = [corner_um(slopes) for slopes in done.true]
     assert corners[0] == pytest.approx(corner_um(MOUNT.slopes))
     assert len(corners) >= 2
     assert corners[min(2, len(corners) - 1)] < 5.0
-
-
-def test_it_asks_for_turns_until_they_would_not_help(done):
     turns = [ask.question for ask in done.asked if ask.key == "by_hand"]
     assert len(turns) == MOUNT.count * (len(done.results) - 1)
     assert all("of a turn" in question for question in turns)
     assert done.state.facts["helps"] < SURE
     assert done.left == done.true[-1]
-
-
-def test_each_round_has_its_result_with_a_page(done):
     assert all((one.folder / "report.html").is_file() and (one.folder / "tilt.csv").is_file() for one in done.results)
 
 

@@ -22,7 +22,7 @@ from simulators.camera.sensor import Sensor
 from station.calibration.geometry import GeometryPhotographs, ViewRecord, conclude
 from station.calibration.geometry_files import geometry_measurement
 from station.calibration.tilt import tilt_measurement
-from station.procedure.builtin.geometry import PROCEDURE as GEOMETRY
+from station.procedure.builtin.geometry import CameraGeometry
 from station.procedure.schema import procedure_named
 from station.results.measurement import write_measurement
 from station.results.record_head import RecordHead, files_read
@@ -111,7 +111,7 @@ def geometry(folder: Path) -> None:
     found = conclude([shoot], GeometryParameters(CELL_MM, model="OPENCV"))
     with ResultFolder(folder / OUT) as results:
         whole = geometry_measurement(found, RecordHead("geometry", files_read(shoot.records), {"width_mm": 300.0}))
-        results.write("report.html", GEOMETRY.page(whole))
+        results.write("report.html", CameraGeometry().page(whole))
         write_measurement(results, whole)
 
 

@@ -17,7 +17,7 @@ def gaussian(s: int, k: int, *, noise: float = 1e-5, tail: float = 0.0) -> Psf:
     return Psf(h / h.sum(), s, noise**2 * np.eye(k * k), outside)
 
 
-def test_band_edge_is_the_otf_there() -> None:
+def test_s_and_k_are_raised_while_they_leave_something_out_and_kept_where_given():
     psf = gaussian(2, 15)
     # the samples' own transform on a fine grid, over the ring from 0.8 to 1 of the band's half width of 1 cycle/pixel
     n = 256
@@ -27,9 +27,6 @@ def test_band_edge_is_the_otf_there() -> None:
     spectrum = np.abs(np.fft.fft2(np.pad(psf.h, ((0, n - 15), (0, n - 15)))))
     assert band_edge(psf) == pytest.approx(np.sqrt(np.mean(spectrum[ring] ** 2)), rel=0.1)  # a few radii stand for all
     assert band_edge(gaussian(5, 35)) < 1e-3
-
-
-def test_s_and_k_are_raised_while_they_leave_something_out() -> None:
     # the tail's energy outside falls with the width, as that of 1/r^3 does
     result, tried = choose(
         lambda s, k: gaussian(s, k, tail=0.2 * s / k), lambda psf: psf, samples=200_000, most_s=5, s=None, k=None
@@ -38,22 +35,13 @@ def test_s_and_k_are_raised_while_they_leave_something_out() -> None:
     assert (result.s, result.k) == (tried[-1].s, tried[-1].k)
     assert tried[-1].k > tried[0].k
     assert tried[0].better == (tried[1].s, tried[1].k)
-
-
-def test_what_is_given_is_tried_once() -> None:
     result, tried = choose(lambda s, k: gaussian(s, k, tail=0.1), lambda psf: psf, samples=200_000, most_s=5, s=4, k=9)
     assert (result.s, result.k) == (4, 9)
     assert len(tried) == 1
     assert tried[0].support_short
     assert tried[0].better is not None
-
-
-def test_a_given_support_is_not_narrower_than_a_pixel() -> None:
     _, tried = choose(lambda s, k: gaussian(s, k), lambda psf: psf, samples=200_000, most_s=5, s=None, k=3)
     assert tried[0].s == 3
-
-
-def test_samples_limit_the_support() -> None:
     _, tried = choose(lambda s, k: gaussian(s, k, tail=0.3), lambda psf: psf, samples=3000, most_s=4, s=None, k=None)
     assert max(trial.k for trial in tried) <= (3000 / 8) ** 0.5
 

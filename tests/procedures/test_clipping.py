@@ -37,28 +37,16 @@ def test_a_plain_cut_off_is_counted(rng: np.random.Generator, at: float) -> None
     assert mirrored.black == pytest.approx(share, abs=0.06)
 
 
-def test_few_bits_in_many_are_seen_as_few(rng: np.random.Generator) -> None:
+def test_few_bits_stuck_pixels_and_chance_make_no_pile(rng):
     samples = rounded(plain(rng, 0.5))
     assert find_clipping(samples, 1 / 65535, dark_noise=0.2 * STEP).white == 0
     cut = np.minimum(samples, rounded(np.array(0.6)) - 2 * STEP)
     assert find_clipping(np.append(cut, rounded(plain(rng, 0.5, 0.2))), 1 / 65535, dark_noise=0.5 * STEP).white > 0.4
-
-
-def test_nominal_white_counts_whatever_the_noise() -> None:
     assert find_clipping(np.array([0.1, 0.2, 0.9985, 1.0])).white == 0.5
-
-
-def test_a_few_stuck_pixels_hide_no_pile(rng: np.random.Generator) -> None:
     samples = np.minimum(plain(rng, 4.0), 0.59)
     samples[:2] = 0.97
     assert find_clipping(samples, STEP, dark_noise=STEP).white > 0.6
-
-
-def test_no_samples_are_not_clipped() -> None:
     assert find_clipping(np.array([])).white == 0
-
-
-def test_few_samples_that_are_alike_by_chance_are_no_pile(rng: np.random.Generator) -> None:
     # the white blocks of a small chart have 192 samples: two of them are often the largest
     found = [
         find_clipping(rounded(plain(rng, 5.0)[:192]), STEP, dark_noise=4 * STEP, bright_noise=5 * STEP)

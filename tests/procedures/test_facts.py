@@ -31,26 +31,17 @@ def test_a_value_that_is_no_such_thing_is_named(name, value, words):
         facts_as(PatternFacts, {name: value})
 
 
-def test_an_axis_is_one_value_by_name():
+def test_facts_are_derived_read_from_older_sessions_and_dropped_with_their_inputs():
     axes = facts_as(CameraFacts, {"at_z_mm": 5.0, "low_z_mm": 0.0, "high_z_mm": 10.0, "at_pan_deg": 1.0}).axes
     assert axes == {"z_mm": AxisTravel(5.0, 0.0, 10.0), "pan_deg": AxisTravel(1.0)}
     assert (axes["z_mm"].nearest(12.0), axes["z_mm"].nearest(-1.0), axes["z_mm"].middle) == (10.0, 0.0, 5.0)
     assert axes["pan_deg"].nearest(400.0) == 400.0
     assert axes["z_mm"].holds(10.0)
     assert not axes["z_mm"].holds(10.1)
-
-
-def test_looks_of_older_sessions_are_read_with_their_laser():
     facts: Facts = {"range_looks": 1.0, "range_1_cell_px": 0.3, "range_1_laser_mm": 900.0}
     assert facts_as(PatternFacts, facts).looks == (RangeLook(0.3, 900.0),)
-
-
-def test_a_lens_that_is_not_known_is_asked_for_and_not_assumed():
     with pytest.raises(BadParameter, match="focal length is not known; answer the step `distance`"):
         PatternFacts(chart_width_mm=96.0, pixel_pitch_um=5.9).wanted_distance_mm()
-
-
-def test_what_was_derived_from_an_input_is_dropped_when_it_changes():
     known = ["laser_offset_mm", "range_looks", "range_1_cell_px", "tour_x", "tour_from_z_mm", "focal_length_mm", "lit"]
     assert dropped(PatternFacts, ["focal_length_mm"], known) == {"laser_offset_mm"}
     assert dropped(FieldFacts, ["focal_length_mm"], known) == {"laser_offset_mm", "tour_x", "tour_from_z_mm"}

@@ -49,14 +49,11 @@ def in_python(code: str, folder: Path, **environ: str) -> subprocess.CompletedPr
     )  # fmt: skip
 
 
-def test_stub_and_program_have_the_same_names():
+def test_stub_and_program_have_the_same_names_and_no_others():
     stub = ast.parse(Path(procedures.__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
     (listed,) = (ast.literal_eval(node.value) for node in stub.body if isinstance(node, ast.Assign))
     assert listed == sorted(listed) == procedures.__all__
     assert all(getattr(procedures, name) is not None for name in listed)
-
-
-def test_unknown_name_is_an_attribute_error():
     with pytest.raises(AttributeError, match="attribute psf_of_everything"):
         procedures.psf_of_everything  # noqa: B018
 
@@ -82,11 +79,8 @@ def test_five_lines_tell_the_camera_s_mtf50_with_its_error_bar(photograph, monke
     assert 0 < uncertainty < 0.05 * value
 
 
-def test_readme_and_manual_show_the_same_lines():
+def test_readme_and_manual_show_the_same_lines_and_a_refused_outcome_says_why():
     assert five_lines(PAGES[0]) == five_lines(PAGES[1])
-
-
-def test_a_refused_outcome_says_why_when_its_result_is_asked_for():
     outcome = procedures.Outcome[float](None, procedures.Verdict.REFUSED, "no chart was found", "show the whole chart")
     with pytest.raises(procedures.Refused, match="no chart was found; show the whole chart"):
         outcome.result()

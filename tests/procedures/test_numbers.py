@@ -72,27 +72,18 @@ def test_every_number_of_a_record_is_in_the_table_with_its_unit(case):
             assert NUMBERS[name].unit in ("", unit), name
 
 
-def test_every_number_has_words_and_a_definition():
+def test_every_number_has_words_and_a_definition_with_its_parameter():
     for one in NUMBERS.values():
         assert one.definition, one
         assert one.label or one == "astigmatism", one
-
-
-def test_a_copy_is_the_plain_name():
     assert pickle.loads(pickle.dumps(MTF50_RADIAL)) == "mtf50_radial"
     assert copy.deepcopy({MTF50_RADIAL: 1}) == {"mtf50_radial": 1}
     assert json.dumps({MTF50_RADIAL: 1}) == '{"mtf50_radial": 1}'
-
-
-def test_names_with_a_parameter_are_read_back():
     assert frequency_of(name_at(0.25, "horizontal")) == (0.25, "horizontal")
     assert frequency_of(name_at(0.1)) == (0.1, "")
     assert projection_at(466.2) == "projection_uncertainty_at_466_mm"
     assert projection_at(float("inf")) == "projection_uncertainty_at_infinity"
     assert frequency_of("mtf50_horizontal") is None
-
-
-def test_words_of_numbers_with_a_parameter():
     assert label(name_at(0.25, "vertical"), "lp/mm") == "MTF at 0.25 lp/mm along columns"
     assert short(name_at(0.25)) == "at 0.25, edge"
     assert label("mtf50_sagittal_median") == "MTF50 of sagittal detail, median over the frame"

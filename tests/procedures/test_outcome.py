@@ -20,14 +20,11 @@ def shown(outcome: Outcome[object]) -> list[str]:
     return [one.removesuffix(" is bad") for one in (outcome.reason, *(other.reason for other in outcome.other_causes))]
 
 
-def test_the_best_supported_cause_comes_first_and_the_others_are_kept_apart() -> None:
+def test_the_best_supported_cause_comes_first_and_checks_that_hold_make_none():
     outcome = verdict_of([check("light", 1.2), check("focus", 3.0)], 5)
     assert (outcome.value, outcome.verdict) == (5, DOUBTFUL)
     assert (outcome.reason, outcome.remedy) == ("focus is bad", "mend focus")
     assert outcome.other_causes == (cause("light"),)
-
-
-def test_checks_that_hold_make_no_cause() -> None:
     assert verdict_of([check("light", 1.0), check("focus", 0.9, least=True, given=False)], 5) == Outcome(5)
 
 
@@ -47,25 +44,16 @@ def test_evidence_is_the_distance_beyond_the_threshold_as_a_ratio_times_the_prio
     assert one.evidence == pytest.approx(evidence)
 
 
-def test_a_symptom_of_many_causes_stands_behind_a_cause_of_its_own() -> None:
+def test_causes_are_ranked_by_what_they_explain():
     assert shown(verdict_of([check("residual", 4.0, prior=SYMPTOM), check("tone curve", 2.0)])) == [
         "tone curve",
         "residual",
     ]
-
-
-def test_what_only_doubts_does_not_explain_a_refusal() -> None:
     outcome = verdict_of([check("light", 9.0), check("focus", 1.1, severity=REFUSED)], 5)
     assert (outcome.value, outcome.verdict) == (None, REFUSED)
     assert shown(outcome) == ["focus", "light"]
-
-
-def test_two_thresholds_of_one_statistic_are_one_cause() -> None:
     outcome = verdict_of([check("light", 9.0), check("light", 9.0, 3.0, REFUSED), check("focus", 2.0)])
     assert shown(outcome) == ["light", "focus"]
-
-
-def test_a_doubt_that_is_added_comes_first_only_where_there_is_none() -> None:
     assert shown(with_doubt(Outcome(1), "flats is bad", "")) == ["flats"]
     added = with_doubt(verdict_of([check("light", 2.0), check("focus", 1.5)], 1), "flats is bad", "")
     assert shown(added) == ["light", "focus", "flats"]

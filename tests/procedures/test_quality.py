@@ -10,7 +10,7 @@ from procedures.choice import with_frequencies, with_parts
 from procedures.numbers import frequency_of
 from procedures.numerics.kernel_tail import DIFFERS, tail_density, tail_kernels, tail_sums
 from procedures.outcome import BadParameter
-from procedures.psf import Psf, PsfTail, tail_energy_uncertainty
+from procedures.psf import Psf, PsfTail, tail_energy_uncertainty, truncation
 from procedures.psf_origin import Origin
 from procedures.quality import Diffraction, assess, beyond_diffraction, otf
 from procedures.spatial_numbers import circle
@@ -57,33 +57,24 @@ def test_frequency_of_each_level_of_a_gaussian(level) -> None:
     assert number.unit == "cycles/pixel"
 
 
-def test_mtf_is_told_at_the_frequencies_asked_for_and_nowhere_beyond_the_band() -> None:
+def test_energies_of_a_gaussian_are_those_of_its_formula():
     numbers = assess(sure(gaussian(0.5, 0.7)), n=1, at=(0.0, 0.253, 2.5)).numbers
     assert numbers["mtf_at_0_horizontal"].value == pytest.approx(1)
     for name, sigma in (("horizontal", 0.5), ("vertical", 0.7)):
         expected = np.exp(-2 * (np.pi * sigma * 0.253) ** 2)
         assert numbers[f"mtf_at_0.253_{name}"].value == pytest.approx(expected, abs=1e-4)
     assert not any("2.5_" in name for name in numbers)
-
-
-def test_encircled_energy_of_a_gaussian() -> None:
     numbers = assess(sure(gaussian(0.6, 0.6)), n=1).numbers
     # 1 - exp(-r^2 / 2 sigma^2)
     for share in (50, 80):
         radius = 0.6 * np.sqrt(-2 * np.log(1 - share / 100))
         assert numbers[f"encircled_energy_{share}"].value == pytest.approx(radius, rel=2e-4)
-
-
-def test_small_circles_are_cut_out_of_the_samples_as_circles_are() -> None:
     for sigma in np.linspace(0.31, 0.45, 15):
         psf = sure(gaussian(sigma, sigma))
         for share in (0.5, 0.8):
             radius = sigma * np.sqrt(-2 * np.log(1 - share))
             # squares of 1/16 pixel: what is left of their corners, where squares entering linearly leave up to 2e-3
             assert circle(psf, psf.extended(), share).radius == pytest.approx(radius, rel=8e-4)
-
-
-def test_energy_above_nyquist_of_a_gaussian() -> None:
     numbers = assess(sure(gaussian(0.4, 0.4)), n=1).numbers
     # |OTF|^2 = exp(-4 pi^2 sigma^2 f^2): the inside of the square is a product of two error functions
     assert numbers["energy_above_nyquist"].value == pytest.approx(1 - erf(2 * np.pi * 0.4 * 0.5) ** 2, rel=1e-4)
@@ -153,22 +144,16 @@ def test_gradients_about_an_origin_are_those_of_changed_samples(origin: Origin, 
         assert first.gradients[name] @ change.ravel() == pytest.approx(expected, abs=0.05 * scale), name
 
 
-def test_ellipse_of_a_turned_gaussian() -> None:
+def test_phase_ellipse_and_strehl_are_those_of_known_psfs():
     numbers = assess(sure(gaussian(0.8, 0.5, turn=np.radians(30))), n=1).numbers
     assert numbers["ellipse_angle"].value == pytest.approx(30, abs=0.5)
     assert 0.1 < numbers["ellipticity"].value < 1 - 0.5 / 0.8  # the weight makes it rounder, never flatter
-
-
-def test_phase_of_a_shifted_psf_is_its_shift() -> None:
     psf = sure(gaussian(0.5, 0.5, x0=0.1, y0=-0.2))
     f = np.array([0.3])
     assert np.angle(otf(psf, f, 0 * f))[0] == pytest.approx(-2 * np.pi * 0.3 * 0.1, abs=1e-6)
     numbers = assess(psf, n=1).numbers
     assert numbers["centroid_x_support"].value == pytest.approx(0.1, abs=1e-6)
     assert numbers["centroid_y_support"].value == pytest.approx(-0.2, abs=1e-6)
-
-
-def test_airy_pattern_and_its_transfer_function_are_a_pair() -> None:
     limit = Diffraction(f_number=8, pixel_pitch_um=5.0, wavelength_nm=550)
     assert limit.cutoff == pytest.approx(5.0 / (0.55 * 8))
     r = (np.arange(20_000) + 0.5) * 0.005
@@ -176,14 +161,7 @@ def test_airy_pattern_and_its_transfer_function_are_a_pair() -> None:
         # Hankel transform by rectangles; the tail beyond r = 100 pixels holds 2 / (pi^2 cutoff r)
         transform = np.sum(limit.psf(r) * j0(2 * np.pi * f * r) * 2 * np.pi * r) * 0.005
         assert transform == pytest.approx(float(limit.otf(np.array(f))), abs=4e-3)
-
-
-def test_strehl_of_diffraction_alone_is_one() -> None:
-    limit = Diffraction(f_number=8, pixel_pitch_um=5.0, wavelength_nm=550)
     assert assess(airy(limit), n=1, diffraction=limit).numbers["strehl"].value == pytest.approx(1, rel=1e-3)
-
-
-def test_strehl_has_its_peak_where_the_cutoff_is_far_inside_the_band() -> None:
     limit = Diffraction(f_number=8000, pixel_pitch_um=5.0, wavelength_nm=550)
     assert assess(airy(limit), n=1, diffraction=limit).numbers["strehl"].value == pytest.approx(1, rel=1e-3)
 
@@ -264,7 +242,10 @@ def test_share_outside_is_less_sure_where_the_tail_is_not_that_of_a_lens_in_focu
         """Ratio to the estimate for rings, a quarter of E / (R sqrt(8 pi)); amplitudes in units of their priors."""
         amplitudes = 0.002 * np.array([1, *(np.array(others) * DIFFERS)])
         psf = Psf(h, S, 1e-12 * np.eye(h.size), PsfTail(amplitudes, no_noise, np.zeros((h.size, 6))))
-        return tail_energy_uncertainty(psf) / (0.25 * psf.energy_outside[0] / (17 / 2 / S * np.sqrt(8 * np.pi)))
+        rough = 0.25 * psf.energy_outside[0] / (17 / 2 / S)
+        energy, spread = tail_energy_uncertainty(psf) / (rough / np.sqrt(8 * np.pi)), truncation(psf) / rough
+        assert spread * np.sqrt(8 * np.pi) == pytest.approx(energy, rel=1e-3)  # sqrt(pi / 2) / (2 pi): the same factor
+        return energy
 
     assert stray(0, 0, 0, 0, 0) == pytest.approx(1, rel=1e-3)  # so faint a tail is of no small aperture
     assert stray(1, 0, -1, 1, 1) == pytest.approx(1, rel=1e-3)

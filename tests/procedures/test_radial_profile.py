@@ -24,7 +24,7 @@ def with_tail(psf, amplitudes=(0.04, 0.005, 0.01, 0.0, 0.003, 0.0), sd=2e-3):
     return replace(psf, tail=PsfTail(np.array(amplitudes), sd**2 * np.eye(q), np.zeros((psf.k**2, q))))
 
 
-def test_profile_of_a_gaussian_is_the_gaussian():
+def test_profile_of_a_gaussian_is_the_gaussian_with_its_uncertainty(rng):
     # beyond the band of the grid the Gaussian has exp(-2 pi^2 sigma^2 (s/2)^2) < 1e-13, outside its support 1e-6
     sigma = 0.8
     found = radial_profile(gaussian(sigma))
@@ -32,9 +32,6 @@ def test_profile_of_a_gaussian_is_the_gaussian():
     np.testing.assert_allclose(found.density, true, atol=1e-5 * true[0])
     # squares that a circle crosses make its edge a quarter of a sample wide
     np.testing.assert_allclose(found.energy, 1 - np.exp(-(found.radius**2) / (2 * sigma**2)), atol=1e-3)
-
-
-def test_profile_carries_the_uncertainty_of_independent_samples(rng):
     psf = gaussian(0.8, k=7, sd=1e-3)
     noisy = [Psf(psf.h + 1e-3 * rng.standard_normal(psf.h.shape), 4, psf.covariance) for _ in range(200)]
     found = [radial_profile(one) for one in noisy]
@@ -42,16 +39,13 @@ def test_profile_carries_the_uncertainty_of_independent_samples(rng):
     for name in ("energy", "density"):
         scatter = np.std([getattr(one, name) for one in found], axis=0)
         np.testing.assert_allclose(scatter, getattr(found[0], f"{name}_uncertainty"), rtol=0.2)
-
-
-def test_profile_tells_radii_of_plane_and_sensor():
     rows = list(csv.DictReader(io.StringIO(profile_table(gaussian(0.6), 2).decode())))
     assert float(rows[3]["radius_sensor_pixels [sensor pixel]"]) == 2 * float(rows[3]["radius [pixel]"])
     assert float(rows[-1]["energy"]) == pytest.approx(1, abs=1e-3)
     assert float(rows[0]["energy"]) == 0
 
 
-def test_beyond_the_support_the_profile_is_that_of_the_tail():
+def test_beyond_the_support_the_profile_is_the_tails_with_its_uncertainty(rng):
     psf = with_tail(gaussian(0.5, k=17), (0.04,))
     found = radial_profile(psf)
     far = found.radius > 1.5 * found.support * 2**0.5
@@ -64,16 +58,10 @@ def test_beyond_the_support_the_profile_is_that_of_the_tail():
     # with one shape all that is uncertain far out is its amplitude: 2e-3 of 0.04
     relative = found.energy_uncertainty[inner] / (1 - found.energy[inner])
     np.testing.assert_allclose(relative, 2e-3 / 0.04, rtol=0.1)
-
-
-def test_the_radius_of_80_percent_is_the_one_among_the_numbers():
     psf = with_tail(gaussian(0.6, k=17))
     found, numbers = radial_profile(psf), assess(psf, n=1).numbers
     # between two circles an eighth of a pixel apart the curve is bent by a hundredth of its rise
     assert np.interp(0.8, found.energy, found.radius) == pytest.approx(numbers["encircled_energy_80"].value, rel=0.01)
-
-
-def test_the_tail_s_uncertainty_is_that_of_repeated_draws(rng):
     psf = with_tail(gaussian(0.8, k=7, sd=1e-3))
     root = np.sqrt(np.diag(psf.parameter_covariance))
     found = []

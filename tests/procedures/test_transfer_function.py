@@ -16,7 +16,7 @@ def _psf(dx_px: float = 0.0, *, tail: bool = False) -> Psf:
     return Psf(h, 3, covariance, outside) if tail else Psf(h, 3, covariance)
 
 
-def test_phase_of_a_shifted_psf_is_a_straight_line() -> None:
+def test_phase_of_a_shifted_psf_is_a_straight_line_with_the_uncertainty_of_draws(rng):
     f = np.linspace(0, 1, 21)
     phase, uncertainty = phase_along(_psf(0.1), f, 0.0)
     # beyond sampling and support, which a Gaussian this narrow leaves at 1e-4
@@ -24,9 +24,6 @@ def test_phase_of_a_shifted_psf_is_a_straight_line() -> None:
     down, _ = phase_along(_psf(0.1), f, np.pi / 2)
     np.testing.assert_allclose(down, 0, atol=1e-6)
     assert uncertainty[0] == pytest.approx(0, abs=1e-9)
-
-
-def test_phases_uncertainty_is_that_of_draws(rng: np.random.Generator) -> None:
     psf = _psf(0.1)
     f = np.array([0.2, 0.6])
     drawn = [

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from procedures.numerics.arrays import Mask
 from procedures.restoration.joint.data_term import CONVERGENCE_TOLERANCE, DataTerm, conjugate_gradients
 from procedures.restoration.masks.array_loops import add_bending, add_diffusion
 from procedures.restoration.masks.blur_operator import Array
@@ -43,21 +44,27 @@ def joint_step(
     iterations: int,
     diffusion: tuple[Array | float, Array | float] = (1.0, 1.0),
     edges: tuple[Array | float, Array | float] = (1.0, 1.0),
+    active: Mask | None = None,
 ) -> tuple[Array, Array]:
     """Picture (C, H + 2R, W + 2R) and depth after one Gauss-Newton step by conjugate gradients; `diffusion`, `edges` :
-    the priors' weights on differences."""
+    the priors' weights on differences; active : (H + 2R, W + 2R), pixels that may change, if not all."""
     data.focus(w)
+    e = data.residual(u)
+    if active is not None:
+        data.focus(w, active)
 
     def add_smoothing(out: Array, x: Array, y: Array, sign: int) -> Array:
         add_diffusion(out[:-1], x, sign * weights.picture, *diffusion)
         add_diffusion(out[-1], y, sign * weights.depth * weights.tilt, *edges)
         add_bending(out[-1], y, sign * weights.depth * weights.bend, *edges)
+        if active is not None:
+            out *= active
         return out
 
     def apply(x: Array) -> Array:
         return add_smoothing(data.change_adjoint(u, data.change(u, x)), x[:-1], x[-1], 1)
 
-    gradient = add_smoothing(data.change_adjoint(u, data.residual(u)), u, w, -1)
+    gradient = add_smoothing(data.change_adjoint(u, e), u, w, -1)
     divide = np.empty_like(gradient)
     picture, depth = data.curvature(w)
     divide[:-1] = picture + 4 * weights.picture

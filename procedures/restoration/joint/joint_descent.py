@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, distance_transform_edt, label, uniform_filter
+from scipy.ndimage import binary_dilation, distance_transform_edt, label, maximum_filter, uniform_filter
 
 from procedures.numerics.arrays import Mask
 from procedures.restoration.first_depth.segments import Labels, joined, remove_blemishes, segments, surfaces
@@ -27,6 +27,7 @@ from procedures.restoration.joint.noise_and_contrast import (
 )
 from procedures.restoration.joint.priors import bending, depth_variation, roughness, steps_allowed, total_variation
 from procedures.restoration.joint.schedule import (
+    CONSTANT,
     DEPTH_SLOPE,
     PlaceEdges,
     RestartRegions,
@@ -173,7 +174,7 @@ def one_round(problem: JointProblem, state: DescentState) -> DescentState:
     else:
         if opening is not None:
             u, w, labels = _edges_localised(problem, state, opening, weights)
-        u, w = _joint(problem, u, w, labels, weights, converged=state.n > 0)
+        u, w = _joint(problem, state.n, u, w, labels, weights)
     final = problem.schedule.final(state.statistics)
     value, residual = cost(problem, u, w, final)
     done = JointRound(
@@ -184,22 +185,23 @@ def one_round(problem: JointProblem, state: DescentState) -> DescentState:
 
 
 def _joint(
-    problem: JointProblem, u: Array, w: Array, labels: Labels | None, weights: PriorWeights, converged: bool = True
-) -> tuple[Array, Array]:
-    """Picture and depth after a joint Gauss-Newton step; converged : the residual is due to depth, not to a smooth
-    picture."""
-    iterations = problem.scheme.picture + problem.scheme.depth
+    problem: JointProblem, n: int, u: Array, w: Array, labels: Labels | None, weights: PriorWeights,
+    active: Mask | None = None,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Picture and depth after a joint Gauss-Newton step in round n, of `active` pixels if given."""
+    early = n < int(CONSTANT * problem.scheme.rounds)  # under strong priors half of the iterations suffice
+    iterations = (problem.scheme.picture + problem.scheme.depth) // (2 if early else 1)
     problem.data.focus(w)
-    edges = _edges(problem, problem.data.residual(u) if converged else None, w, weights, labels)
-    return joint_step(problem.data, u, w, weights, iterations, _diffusion(problem, u), edges)
+    edges = _edges(problem, problem.data.residual(u) if n else None, w, weights, labels)
+    return joint_step(problem.data, u, w, weights, iterations, _diffusion(problem, u), edges, active)
 
 
 def _restarted(problem: JointProblem, state: DescentState, weights: PriorWeights) -> tuple[Array, Array, Labels]:
     """Picture, depth and segments after some joint steps, with unexplained regions restarted."""
 
-    def onward(pair: RegionAttempt) -> RegionAttempt:
+    def onward(pair: RegionAttempt, active: Mask | None) -> RegionAttempt:
         for _ in range(ON_TRIAL):
-            u, w = _joint(problem, pair.u, pair.w, pair.labels, weights)
+            u, w = _joint(problem, state.n, pair.u, pair.w, pair.labels, weights, active)
             pair = RegionAttempt(u, w, pair.labels)
         return pair
 
@@ -381,16 +383,19 @@ def restart(
     old: RegionAttempt,
     reach: int,
     weight: float,
-    onward: Callable[[RegionAttempt], RegionAttempt],
+    onward: Callable[[RegionAttempt, Mask | None], RegionAttempt],
     iterations: int = FULL.iterations,
 ) -> RegionAttempt:
-    """The pair after some rounds, with regions restarted where that lowers the residual; onward : those rounds.
+    """The pair after some rounds, with regions restarted where that lowers the residual; onward : those rounds, of all
+    pixels or of those near the regions.
 
     See `restarted` for the other parameters.
     """
     data.focus(old.w)
     wrong = unexplained(data, old.u)
     if not wrong.any():
-        return onward(old)
+        return onward(old, None)
+    old = onward(old, None)
     new = restarted(data, other, old, wrong, reach, weight, iterations)
-    return better_of(data, onward(old), onward(new), wrong)
+    around = maximum_filter(wrong, 2 * data.R + 1)
+    return better_of(data, old, onward(new, around), wrong)

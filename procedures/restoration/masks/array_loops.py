@@ -119,26 +119,34 @@ def _add_diffusion(out: Array, x: Array, weight: Any, down: Array, across: Array
 @jitted(fastmath=True, nogil=True)
 def _add_bending(out: Array, x: Array, weight: Any, down: Array, across: Array) -> None:
     height, width = x.shape
+    two, e = x.dtype.type(2), np.zeros(width + 1, x.dtype)  # a row at a time, so that loops are vectorised
     for i in range(height):
+        row, to, g = x[i], out[i], across[i]
+        e[0] = e[width - 1] = 0
         for j in range(1, width - 1):
-            e = weight * min(across[i, j - 1], across[i, j]) * (x[i, j - 1] - 2 * x[i, j] + x[i, j + 1])
-            out[i, j - 1] += e
-            out[i, j] -= 2 * e
-            out[i, j + 1] += e
+            e[j] = weight * min(g[j - 1], g[j]) * (row[j - 1] - two * row[j] + row[j + 1])
+        to[0] += e[1]
+        for j in range(1, width):
+            to[j] += e[j - 1] - two * e[j] + e[j + 1]
     for i in range(1, height - 1):
+        above, row, below, upper, lower = x[i - 1], x[i], x[i + 1], down[i - 1], down[i]
         for j in range(width):
-            e = weight * min(down[i - 1, j], down[i, j]) * (x[i - 1, j] - 2 * x[i, j] + x[i + 1, j])
-            out[i - 1, j] += e
-            out[i, j] -= 2 * e
-            out[i + 1, j] += e
+            e[j] = weight * min(upper[j], lower[j]) * (above[j] - two * row[j] + below[j])
+        for k, factor in ((i - 1, x.dtype.type(1)), (i, -two), (i + 1, x.dtype.type(1))):
+            to = out[k]
+            for j in range(width):
+                to[j] += factor * e[j]
     for i in range(height - 1):
+        row, below, upper, left, lower = x[i], x[i + 1], down[i], across[i], across[i + 1]
         for j in range(width - 1):
-            g = min(min(down[i, j], down[i, j + 1]), min(across[i, j], across[i + 1, j]))
-            e = 2 * weight * g * (x[i, j] - x[i, j + 1] - x[i + 1, j] + x[i + 1, j + 1])
-            out[i, j] += e
-            out[i, j + 1] -= e
-            out[i + 1, j] -= e
-            out[i + 1, j + 1] += e
+            g = min(min(upper[j], upper[j + 1]), min(left[j], lower[j]))
+            e[j] = two * weight * g * (row[j] - row[j + 1] - below[j] + below[j + 1])
+        for k, sign in ((i, x.dtype.type(1)), (i + 1, x.dtype.type(-1))):
+            to = out[k]
+            to[0] += sign * e[0]
+            for j in range(1, width - 1):
+                to[j] += sign * (e[j] - e[j - 1])
+            to[width - 1] -= sign * e[width - 2]
 
 
 @jitted(fastmath=True, nogil=True)

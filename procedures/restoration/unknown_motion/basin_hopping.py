@@ -13,7 +13,7 @@ from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.unknown_motion.cross_relation import INSTANTS
 from procedures.restoration.unknown_motion.mask_evidence import MaskEvidence, fit_curves
 from procedures.restoration.unknown_motion.motion_splines import POINTS
-from procedures.restoration.unknown_motion.path_pairs import distinct, replaced
+from procedures.restoration.unknown_motion.path_pairs import replaced
 
 BEND_PX = 0.5
 """Standard deviation of a bend's displacement: the difference of curves that draw the same mask."""
@@ -23,28 +23,27 @@ BEND_WIDTHS = (0.06, 0.25)
 
 @dataclass(frozen=True)
 class BasinHopping:
-    """Starts to try: pools of curves (POINTS, 2) by photograph, none for recorded ones, and `bends` random bends, a
+    """Starts to try: distinct curves (POINTS, 2) by photograph, none for recorded ones, and `bends` random bends, a
     descent each."""
 
-    pools: Sequence[Sequence[Array]]
+    curves: Sequence[Sequence[Array]]
     rng: np.random.Generator
     bends: int = 40
 
     def about_origin(self, origin: Array) -> "BasinHopping":
         """With the curves relative to another origin, pixels x, y."""
-        return replace(self, pools=[[one - origin for one in pool] for pool in self.pools])
+        return replace(self, curves=[[curve - origin for curve in those] for those in self.curves])
 
     def fewer(self) -> "BasinHopping":
-        """For curves that were optimised already: those of the pools are worse, and fewer bends suffice."""
-        return replace(self, pools=[], bends=self.bends // 2)
+        """For curves that were optimised already: the others are worse, and fewer bends suffice."""
+        return replace(self, curves=[], bends=self.bends // 2)
 
     def minimise(self, evidence: Sequence[MaskEvidence], points: Array, half: float) -> Array:
         """The best curves, (2, POINTS, 2), starting from `points` of half-width `half`."""
         best = _better((np.inf, points), evidence, points, half)
-        flat = [one for one in evidence if one.w == half]
-        for k, pool in enumerate(self.pools):
-            for one in distinct(flat, best[1], half, k, pool):
-                best = _better(best, evidence, replaced(best[1], k, one), half)
+        for k, those in enumerate(self.curves):
+            for curve in those:
+                best = _better(best, evidence, replaced(best[1], k, curve), half)
         for _ in range(self.bends):
             k = int(self.rng.integers(2))
             best = _better(best, evidence, replaced(best[1], k, self._bent(best[1][k])), half)

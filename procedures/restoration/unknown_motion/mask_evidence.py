@@ -101,7 +101,7 @@ def filters(masks: Array, size: int) -> Array:
 def rows(spectra: Array) -> Array:
     """Spectra (..., n, n // 2 + 1) of real tiles as real rows with the tiles' scalar products."""
     n = spectra.shape[-2]
-    share = np.full(spectra.shape[-1], 2.0)
+    share = np.full(spectra.shape[-1], 2.0, spectra.real.dtype)
     share[[0, -1]] = 1.0
     weighted = (spectra * (np.sqrt(share) / n)).reshape(*spectra.shape[:-2], -1)
     return np.concatenate([weighted.real, weighted.imag], axis=-1)
@@ -128,13 +128,13 @@ def gather(evidence: MaskEvidence, slope: Array, tiles: Iterable[EvidenceTile]) 
     residuals = []
     for tile in tiles:
         n, K = tile.errors.shape[1], evidence.masks.shape[1]
-        filtering = filters(evidence.masks, n) if filtering is None else filtering
+        filtering = filters(evidence.masks, n).astype(np.complex64) if filtering is None else filtering
         trim = (tile.around.shape[0] - n - K + 1) // 2
         picture = tile.around[trim : trim + n + K - 1, trim : trim + n + K - 1]
         patches = np.lib.stride_tricks.sliding_window_view(picture, (n, n))[::-1, ::-1].reshape(-1, n, n)
         spectra = rfft2(patches)
         A = np.concatenate([rows(spectra * one) for one in filtering])
-        r = unexplained(tile.errors, filtering)
+        r = unexplained(tile.errors.astype(np.float32), filtering)
         residuals.append(float(r @ r) / n**2)
         if tile.flat:
             weight, V = 1.0, r[None][:0]

@@ -56,9 +56,8 @@ class Search:
     def __init__(self, around: Disagreement, flat: Sequence[MaskEvidence], descents: int = 2) -> None:
         self.around, self.flat, self.descents = around, flat, descents
 
-    def starts(self, points: Array, pools: Sequence[Sequence[Array]]) -> list[PathPair]:
-        """Pairs of one curve of each pool, by the frame's contradiction; `points` are the flat part's."""
-        curves = [distinct(self.flat, points, self.around.half, k, pool) for k, pool in enumerate(pools)]
+    def starts(self, curves: Sequence[Sequence[Array]]) -> list[PathPair]:
+        """Pairs of one of the distinct curves of each photograph, by the frame's contradiction."""
         spectra = [[self.around.spectra(curve) for curve in those] for those in curves]
         pairs = [
             PathPair(np.stack([curves[0][a], curves[1][b]]), self.around.of(first, second))

@@ -37,7 +37,7 @@ from procedures.restoration.unknown_motion.mask_evidence import (
     unexplained,
 )
 from procedures.restoration.unknown_motion.motion_splines import basis, candidates, half_width, path_stack, shapes_of
-from procedures.restoration.unknown_motion.path_pairs import Search
+from procedures.restoration.unknown_motion.path_pairs import Search, distinct
 from procedures.restoration.unknown_motion.search_window import Window, search_window, within
 
 Box = tuple[int, int, int, int]
@@ -49,21 +49,24 @@ LEVEL = 0.05
 
 EDGES = Effort(rounds=2, iterations=20)
 """Effort at edges in the intermediate restorations: each continues the last one, so that edges need not converge."""
-MOST_PIXELS, SEARCHED_PIXELS = 120_000, 60_000
+MOST_PIXELS, SEARCHED_PIXELS = 120_000, 50_000
 """Pixels of the frame around the flat part whose depth is matched roughly, and of the window in which paths are
 searched for: time grows with it, and paths improve slightly."""
 CONTRAST = 6.3e-3
 """Expected mean squared difference of neighbours of the picture during the search, white = 1."""
-JOINT_STEPS, JOINT_ITERATIONS, PICTURE_ITERATIONS = 8, 18, 20
+JOINT_STEPS, JOINT_ITERATIONS, PICTURE_ITERATIONS = 5, 18, 20
 """Joint steps of picture and depth after matching (fewer leave the depth less accurate than the curves), conjugate
 gradients of each, and of improving the picture alone."""
 MATCHED = 6
 """Pairs of curves whose depth is matched."""
-DONE = 0.6
-"""Fraction of the scheme's rounds that is skipped for a depth that was matched, or restored with other curves."""
+MATCHED_DONE, DONE = 0.4, 0.6
+"""Fractions of the scheme's rounds that are skipped for a depth that was matched, and restored with other curves: the
+first includes restarts of regions, which double the time."""
+STEADY = 0.005
+"""Relative change of the flat part's masks in a hop below which only picture and depth change."""
 LEAST_FALL = 0.003
 """Fall of the residual energy, relative to the noise, below which the search ends."""
-ENOUGH = 0.8
+ENOUGH = 0.83
 """Residual energy, relative to the noise, below which no other pair is optimised."""
 SCHEME = Scheme(10, 20, 20, 2, 10)
 """Scheme of the restorations meanwhile."""
@@ -249,17 +252,21 @@ def _origins(points: Array) -> list[Array]:
     return each[:1] if (each[0] == each[1]).all() else each
 
 
-def _starts(view: _View, prototypes: Prototypes, known: Array | None, pools: list[list[Array]]) -> list[Array]:
-    """Pairs of curves that draw the flat part's masks and that the surrounding frame contradicts least."""
+def _starts(
+    view: _View, prototypes: Prototypes, known: Array | None, pools: list[list[Array]]
+) -> tuple[list[Array], list[list[Array]]]:
+    """Pairs of curves that draw the flat part's masks and that the surrounding frame contradicts least, and the
+    distinct curves of the pools."""
     points = known
     if points is None:
         points = np.stack([_nearest(pool, mask) for pool, mask in zip(pools, prototypes.masks, strict=True)])
     points, evidence = _of_flat_part(view, points)
+    curves = [distinct(evidence, points, view.half, k, pool) for k, pool in enumerate(pools)]
     w = view.depth(view.stacks(points))
     around = Disagreement(view.z[:, 0] / view.sigma, view.flat, view.half, w)
     search = Search(around, evidence, view.effort.descents)
-    starts = [pair.points for pair in search.starts(points, pools)[: view.effort.descending]] if pools else [points]
-    return [pair.points for pair in search.best(starts)[:MATCHED]]
+    starts = [pair.points for pair in search.starts(curves)[: view.effort.descending]] if pools else [points]
+    return [pair.points for pair in search.best(starts)[:MATCHED]], curves
 
 
 def _nearest(pool: list[Array], mask: Array) -> Array:
@@ -286,15 +293,16 @@ def _settled(
     s, pools = view.effort, []
     if known is None:
         pools = [candidates(mask, prototypes.half_width - 0.5, rng, s.beginnings) for mask in prototypes.masks]
-    hopping = BasinHopping(pools, rng, s.bends)
-    starts = [(points - by, by) for points in _starts(view, prototypes, known, pools) for by in _origins(points)]
+    pairs, curves = _starts(view, prototypes, known, pools)
+    hopping = BasinHopping(curves, rng, s.bends)
+    starts = [(points - by, by) for points in pairs for by in _origins(points)]
     step = counted(report, len(starts) + min(s.restored, len(starts)) * (1 + s.more))
     matched, tried = [], []
     for points, by in starts:
         matched.append((_matched(view, points), hopping.about_origin(by)))
         step()
     for fit, those in sorted(matched, key=lambda each: each[0].energy)[: s.restored]:
-        tried.append((_hop(view, _restored(view, fit.points, fit, 0 if view.noisy else DONE), those), those))
+        tried.append((_hop(view, _restored(view, fit.points, fit, 0 if view.noisy else MATCHED_DONE), those), those))
         step()
     ends: list[_Fit] = []
     for fit, those in sorted(tried, key=lambda each: each[0].energy):
@@ -305,15 +313,19 @@ def _settled(
 
 
 def _hop_repeatedly(view: _View, fit: _Fit, hopping: BasinHopping, step: Callable[[], object]) -> _Fit:
-    """Basin hopping until there is no improvement: few starts while the energy falls, all before the end."""
+    """Basin hopping until there is no improvement: few starts while the energy falls, all before the end.
+
+    It ends as well where the energy is that of true curves and they do not move: only picture and depth improve."""
     few = hopping.fewer()
     tried = few
     for _ in range(view.effort.more):
         other = _hop(view, fit, tried)
         step()
+        before, after = (masks_at(each.points, view.half, view.half, view.R) for each in (fit, other))
         falls = other.energy < fit.energy - LEAST_FALL
+        steady = not falls or np.linalg.norm(after - before) < STEADY * np.linalg.norm(before)
         fit = min(fit, other, key=lambda each: each.energy)
-        if not falls and tried is hopping:
+        if (steady and fit.energy < ENOUGH) or (not falls and tried is hopping):
             break
         tried = few if falls else hopping
     return fit
@@ -397,8 +409,8 @@ def _evidence(view: _View, fit: _Fit, stacks: list[MaskStack]) -> _Fit:
     tiles: dict[float, list[EvidenceTile]] = {}
     for flat, (y, x) in _tiles(view):
         level = view.half if flat else _level(fit.w[y, x])
-        around = u[0, y.start : y.stop + 2 * view.R, x.start : x.stop + 2 * view.R].astype(np.float64)
-        tiles.setdefault(level, []).append(EvidenceTile(e[:, y, x] / view.sigma, around / view.sigma, flat))
+        around = u[0, y.start : y.stop + 2 * view.R, x.start : x.stop + 2 * view.R]
+        tiles.setdefault(level, []).append(EvidenceTile(e[:, y, x] / view.sigma, around / np.float32(view.sigma), flat))
     evidences, errors, delta = [], [], 0.05
     for w, those in sorted(tiles.items()):
         evidence = MaskEvidence.about(fit.points, view.half, w, view.R)

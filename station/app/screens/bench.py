@@ -11,24 +11,9 @@ from textual.app import ComposeResult
 from textual.binding import BindingType
 from textual.containers import Horizontal
 
+from station.app import commands
 from station.app.background import Finished
 from station.app.bars import brief
-from station.app.commands import (
-    BENCH,
-    AxisAfter,
-    AxisBefore,
-    Brighter,
-    Command,
-    Connect,
-    Darker,
-    HomeStages,
-    JogBack,
-    JogForward,
-    NextWire,
-    StepLarger,
-    StepSmaller,
-    bindings,
-)
 from station.app.screens.dialogs import Choose
 from station.app.screens.parts import StationScreen
 from station.app.widgets import Part, lines_of, literal
@@ -61,8 +46,8 @@ class MovableAxis:
 class BenchScreen(StationScreen):
     """Manual control of the bench."""
 
-    COMMANDS_HERE = BENCH
-    BINDINGS: ClassVar[list[BindingType]] = bindings(BENCH)
+    COMMANDS_HERE = commands.BENCH
+    BINDINGS: ClassVar[list[BindingType]] = commands.bindings(commands.BENCH)
 
     def __init__(self) -> None:
         super().__init__()
@@ -74,7 +59,6 @@ class BenchScreen(StationScreen):
         self._message = ""
 
     def body(self) -> ComposeResult:
-        """Devices, axes, wire, and the outcome of the last command."""
         yield Part(id="rows")
         with Horizontal(id="hand"):
             yield Part(id="axes")
@@ -82,27 +66,17 @@ class BenchScreen(StationScreen):
         yield Part(id="message")
 
     def on_mount(self) -> None:
-        """Poll the wire."""
         super().on_mount()
         self.set_interval(WIRE_EVERY_S, self._show_wire)
         self._show()
 
-    @property
-    def bench(self) -> Bench | None:
-        """The application's bench."""
-        bench: Bench | None = self.app.bench  # type: ignore[attr-defined]
-        return bench
-
-    def can(self, command: type[Command]) -> bool:
+    def can(self, command: type[commands.Command]) -> bool:
         """No commands without a bench; only display during a run."""
-        if command is NextWire:
+        if command is commands.NextWire:
             return self.bench is not None
         return self.bench is not None and not self.app.bench_taken  # type: ignore[attr-defined]
 
-    # --- display
-
     def refresh_frame(self) -> None:
-        """Update devices and positions."""
         super().refresh_frame()
         if self.is_mounted:
             self._positions = {**self._positions, **self.app.places}  # type: ignore[attr-defined]
@@ -110,7 +84,6 @@ class BenchScreen(StationScreen):
             self._show()
 
     def done(self, finished: Finished) -> None:
-        """Show the outcome of a command."""
         if finished.job.name != "by hand":
             return
         if finished.problem is not None:
@@ -127,7 +100,8 @@ class BenchScreen(StationScreen):
     def _show(self) -> None:
         glyphs = self.query_one("#rows", Part).glyphs
         known: Sequence[DeviceRow] = self.app.rows  # type: ignore[attr-defined]
-        rows = [row_in_words(row, self._condition(row), glyphs.good, glyphs.bad) for row in known]
+        conditions = self.app.conditions  # type: ignore[attr-defined]
+        rows = [row_in_words(row, conditions.get(row.name, row.condition), glyphs.good, glyphs.bad) for row in known]
         self.query_one("#rows", Part).update(lines_of(*(rows or ["" if self.bench else self._without()])))
         lines = [f"Manual moves, in steps of {STEPS[self._step]:g}"]
         for i, axis in enumerate(self._axes):
@@ -142,12 +116,7 @@ class BenchScreen(StationScreen):
         self._show_wire()
 
     def _without(self) -> str:
-        """The reason why there is no bench."""
         return str(self.app.why_no_bench)  # type: ignore[attr-defined]
-
-    def _condition(self, row: DeviceRow) -> Condition:
-        """The current condition of a device."""
-        return self.app.conditions.get(row.name, row.condition)  # type: ignore[attr-defined,no-any-return]
 
     def _show_wire(self) -> None:
         part, bench = self.query_one("#wire", Part), self.bench
@@ -161,8 +130,6 @@ class BenchScreen(StationScreen):
             self._wire_shown = name, lines
             part.update(lines_of(literal(f"Wire of {name} (W: next)", "bold"), *lines))
 
-    # --- commands
-
     def _do(self, words: str, work: Callable[[Bench], Any]) -> None:
         bench = self.bench
         if bench is None:
@@ -173,70 +140,51 @@ class BenchScreen(StationScreen):
             self._say(words)
             self.app.by_hand(lambda: work(bench))  # type: ignore[attr-defined]
 
-    @on(Connect)
+    @on(commands.Connect)
     def connect(self) -> None:
-        """Connect every device."""
         self._do("Connecting every device.", lambda bench: bench.rows())
 
-    @on(HomeStages)
+    @on(commands.HomeStages)
     def home(self) -> None:
-        """Home every stage."""
         if self.bench is None or self.app.bench_taken:  # type: ignore[attr-defined]
             self._do("", _home)
             return
         names = ", ".join(axis.name for axis in self._axes)
+
+        def decided(answer: int | None) -> None:
+            if answer == 0:
+                self._do("Homing: keep clear of all moving parts.", _home)
+
         question = f"Homing: {names} each move to a switch. Is the way clear? F12 stops."
-        self.app.push_screen(Choose(question, ("home now", "not now"), moves=True), self._home_or_not)
+        self.app.push_screen(Choose(question, ("home now", "not now"), moves=True), decided)
 
-    def _home_or_not(self, answer: int | None) -> None:
-        if answer == 0:
-            self._do("Homing: keep clear of all moving parts.", _home)
-
-    @on(JogBack)
-    def jog_back(self) -> None:
-        """Move one step down."""
-        self._jog(-STEPS[self._step])
-
-    @on(JogForward)
-    def jog_forward(self) -> None:
-        """Move one step up."""
-        self._jog(STEPS[self._step])
-
-    def _jog(self, by: float) -> None:
+    @on(commands.JogBack)
+    @on(commands.JogForward)
+    def jog(self, message: commands.Command) -> None:
         if self._axes:
             axis = self._axes[self._axis]
+            by = STEPS[self._step] if isinstance(message, commands.JogForward) else -STEPS[self._step]
             self._do(f"Moving {axis.name} by {by:g} {axis.unit}.", lambda bench: _jog(bench, axis, by))
 
-    @on(AxisBefore)
-    def axis_before(self) -> None:
-        """Choose the axis above."""
-        self._axis = max(0, self._axis - 1)
+    @on(commands.AxisBefore)
+    @on(commands.AxisAfter)
+    def choose_axis(self, message: commands.Command) -> None:
+        by = 1 if isinstance(message, commands.AxisAfter) else -1
+        self._axis = max(0, min(self._axis + by, len(self._axes) - 1))
         self._show()
 
-    @on(AxisAfter)
-    def axis_after(self) -> None:
-        """Choose the axis below."""
-        self._axis = max(0, min(self._axis + 1, len(self._axes) - 1))
+    @on(commands.StepSmaller)
+    @on(commands.StepLarger)
+    def choose_step(self, message: commands.Command) -> None:
+        by = 1 if isinstance(message, commands.StepLarger) else -1
+        self._step = max(0, min(self._step + by, len(STEPS) - 1))
         self._show()
 
-    @on(StepSmaller)
-    def step_smaller(self) -> None:
-        """Reduce the step to a tenth."""
-        self._step = max(0, self._step - 1)
-        self._show()
-
-    @on(StepLarger)
-    def step_larger(self) -> None:
-        """Increase the step ten times."""
-        self._step = min(self._step + 1, len(STEPS) - 1)
-        self._show()
-
-    @on(Darker)
+    @on(commands.Darker)
     def darker(self) -> None:
-        """Dim the lamp."""
         self._do("Dimming.", lambda bench: _light(bench, -LIGHT_STEP))
 
-    @on(Brighter)
+    @on(commands.Brighter)
     def brighter(self) -> None:
         """Brighten the lamp; one that is dark asks first."""
         if self.bench is None or self.app.bench_taken or "light" not in self.bench.devices or self.bench.light.level():  # type: ignore[attr-defined]
@@ -249,9 +197,8 @@ class BenchScreen(StationScreen):
         if answer == 0:
             self._do("Brightening.", lambda bench: _light(bench, LIGHT_STEP))
 
-    @on(NextWire)
+    @on(commands.NextWire)
     def next_wire(self) -> None:
-        """Show the next device's wire."""
         self._wire += 1
         self._show_wire()
 
@@ -266,9 +213,6 @@ def row_in_words(row: DeviceRow, now: Condition, good: str, bad: str) -> str:
     return words if now.usable else f"{words}. {now.remedy}"
 
 
-# --- in the thread -----------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class CommandOutcome:
     """Outcome of a command, and the positions of the axes."""
@@ -278,7 +222,6 @@ class CommandOutcome:
 
 
 def _axes(bench: Bench) -> list[MovableAxis]:
-    """The axes of connected stages."""
     axes = []
     for device, stage in bench.devices.items():
         if hasattr(stage, "move_to") and device in bench.identities:

@@ -51,7 +51,6 @@ class Help(Dialog):
         self._commands, self._question = commands, question
 
     def compose(self) -> ComposeResult:
-        """The introduction, then a line for every key."""
         keys = [f"{command.key_name():>4}  {command.help()}" for command in self._commands]
         with Vertical(), VerticalScroll():
             yield Part(id="help-question")
@@ -61,7 +60,6 @@ class Help(Dialog):
         self._lines = keys
 
     def on_mount(self) -> None:
-        """Fill in the texts."""
         question = [literal(line, "" if i else "bold") for i, line in enumerate((*self._question, ""))]
         self.query_one("#help-question", Part).update(lines_of(literal(HEAD, "bold"), *question))
         self.query_one("#introduction", Part).update(lines_of(*INTRODUCTION.split("\n"), ""))
@@ -98,15 +96,12 @@ class Choose(Dialog):
         self._question, self._answers, self.moves = question, answers, moves
 
     def compose(self) -> ComposeResult:
-        """Question and answers."""
         with Vertical():
             yield Part(self._question)
             yield Choices(self._answers, id="answers")
 
     def on_mount(self) -> None:
-        """Focus the answers."""
         self.query_one(Choices).focus()
 
     def on_choices_chosen(self, event: Choices.Chosen) -> None:
-        """Return the chosen answer."""
         self.close(event.index)

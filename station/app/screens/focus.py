@@ -71,7 +71,6 @@ class FocusScreen(StationScreen):
         self._turns: queue.Queue[float | None] = queue.Queue()
 
     def body(self) -> ComposeResult:
-        """Source, instruction, the number with its sign, further numbers, trend and image."""
         yield Part(id="source")
         yield AnswerBox(id="answer")
         with Horizontal(id="reading"):
@@ -82,33 +81,21 @@ class FocusScreen(StationScreen):
             yield Picture(drawings.FOCUS, id="picture")
 
     def on_mount(self) -> None:
-        """Ask for the source of photographs."""
         super().on_mount()
         self._ask_source()
 
     def on_unmount(self) -> None:
-        """End the measurement with the screen."""
         self._end()
 
     def refresh_frame(self) -> None:
-        """Update the sources when the bench has been opened."""
         super().refresh_frame()
         if self.is_mounted and not self._measuring and not self._source and self._sources != self._available_sources():
             self._ask_source()
 
     def can(self, command: type[Command]) -> bool:
-        """The ring can be turned where it is simulated."""
         if command is EndFocus:
             return bool(self._source)
         return self._measuring and self._source == SIMULATED
-
-    # --- where photographs come from
-
-    @property
-    def bench(self) -> Bench | None:
-        """The application's bench."""
-        bench: Bench | None = self.app.bench  # type: ignore[attr-defined]
-        return bench
 
     def _available_sources(self) -> Sequence[str]:
         if self.bench is None or "camera" not in self.bench.devices:
@@ -156,8 +143,6 @@ class FocusScreen(StationScreen):
                 return
             place += turn
 
-    # --- measurement
-
     def _begin(self, source: FrameSource) -> None:
         self._ended, self._turns = threading.Event(), queue.Queue()
         app, on_bench = self.app, self._source != FOLDER
@@ -186,19 +171,13 @@ class FocusScreen(StationScreen):
         self._turns.put(None)
 
     @on(TurnNear)
-    def turn_near(self) -> None:
-        """Turn the ring by one step."""
-        self._turns.put(-1.0)
-
     @on(TurnFar)
-    def turn_far(self) -> None:
-        """Turn the ring by one step."""
-        self._turns.put(1.0)
+    def turn(self, message: Command) -> None:
+        self._turns.put(1.0 if isinstance(message, TurnFar) else -1.0)
 
     @on(EndRun)
     @on(EndFocus)
     def end_focus(self, message: Message) -> None:
-        """End the measurement, or return to the previous question."""
         if self._measuring:
             message.stop()
             self._end()
@@ -208,7 +187,6 @@ class FocusScreen(StationScreen):
             self.refresh_frame()
 
     def done(self, finished: Finished) -> None:
-        """Show the end of the measurement."""
         if finished.job.name == "focus":
             problem = finished.problem
             self._end_with(f"{problem.reason}. {problem.remedy}." if problem is not None else "Ended.")
@@ -218,8 +196,6 @@ class FocusScreen(StationScreen):
         self._ask_source()
         self.query_one("#source", Part).update(literal(words, "bold"))
         self.refresh_frame()
-
-    # --- display
 
     @on(Measured)
     def _measured(self, message: Measured) -> None:
@@ -234,7 +210,11 @@ class FocusScreen(StationScreen):
         )
         glyphs = self.query_one(BigText).glyphs
         self.query_one("#numbers", Part).update(lines_of(*(glyphs.spelt(line) for line in numbers_of(reading))))
-        self.query_one(CurveView).show(_curve(reading))
+        known = all(place == place for place in reading.places)
+        places = reading.places if known else tuple(range(1, reading.number + 1))
+        best = None if reading.best is None else reading.scores[reading.best - 1]
+        over = "steps of the ring" if known else "photographs"
+        self.query_one(CurveView).show(trend(places, reading.scores, f"MTF50 in cycles/pixel over {over}", best))
         self.query_one(Picture).display = self.app.size.width >= WIDE
         self.query_one(Picture).show(message.picture)
         if sharpness is not None and reading.best == reading.number:
@@ -248,7 +228,6 @@ WIDE = 110
 
 
 def _preview(reading: FocusReading) -> Thumbnail | None:
-    """The photograph with the chart's marks."""
     plane, sharpness = reading.frame.plane.value, reading.sharpness.value
     return None if plane is None else thumbnail(plane, () if sharpness is None else marks_of(sharpness.sighting))
 
@@ -274,12 +253,3 @@ def numbers_of(reading: FocusReading) -> list[str]:
         beyond = "" if reading.peak.inside else ", outside the range tried"
         lines.append(f"maximum at {stated(reading.peak.place, reading.peak.place_uncertainty)} steps{beyond}")
     return lines
-
-
-def _curve(reading: FocusReading) -> Callable[[int, int, bool], list[str]]:
-    """The scores by setting where it is known, else by photograph."""
-    known = all(place == place for place in reading.places)
-    places = reading.places if known else tuple(range(1, reading.number + 1))
-    best = None if reading.best is None else reading.scores[reading.best - 1]
-    over = "steps of the ring" if known else "photographs"
-    return trend(places, reading.scores, f"MTF50 in cycles/pixel over {over}", best)

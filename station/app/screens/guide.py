@@ -34,21 +34,8 @@ from station.app.widgets import (
 )
 from station.bench.axis_text import axis_words
 from station.drawing.diagrams import drawn, trend
+from station.guide import frontend
 from station.guide.coach import DOWN, LEFT, RIGHT, UP, way_words, ways
-from station.guide.frontend import (
-    MOVE,
-    DiagramEvent,
-    GoalEvent,
-    Matched,
-    ProblemEvent,
-    ProgressEvent,
-    Result,
-    RunBegan,
-    RunEnded,
-    ScanEvent,
-    StepBegan,
-    StepEnded,
-)
 from station.guide.line_frontend import plane_words
 
 if TYPE_CHECKING:
@@ -59,7 +46,6 @@ if TYPE_CHECKING:
     from station.results.plane_result import PlaneResult
 
 COUNT_S = 0.5
-"""Interval of the countdown."""
 SIGNS = {RIGHT: ">", LEFT: "<", DOWN: "v", UP: "^"}
 """Large signs of the ways."""
 AT_WORK = "Please wait: the station is working."
@@ -81,7 +67,7 @@ class GuideScreen(StationScreen):
 
     def __init__(self) -> None:
         super().__init__()
-        self._began: RunBegan | None = None
+        self._began: frontend.RunBegan | None = None
         self._done: dict[str, str] = {}
         self._now: str | None = None
         self._stopped = False
@@ -98,7 +84,6 @@ class GuideScreen(StationScreen):
         self.set_interval(COUNT_S, self._show_coach)
 
     def body(self) -> ComposeResult:
-        """List of steps, current step, progress."""
         with Horizontal(id="middle"):
             yield Rail(id="rail")
             with Vertical(id="main"):
@@ -123,11 +108,9 @@ class GuideScreen(StationScreen):
 
     @property
     def answers(self) -> AnswerBox:
-        """The answer box."""
         return self.query_one(AnswerBox)
 
     def can(self, command: type[Command]) -> bool:
-        """Continue only after a stop, step back only after a completed step."""
         if command is GoOn:
             return self._stopped and not self.finished
         if command is StepBack:
@@ -135,13 +118,11 @@ class GuideScreen(StationScreen):
         return command is not NewSession or self._stopped
 
     def question_help(self) -> Sequence[str]:
-        """Help on the open question, in its step."""
         steps = self._began.plan.steps if self._began is not None else ()
         return self.answers.explain(next((step for step in steps if step.name == self._now), None))
 
     @property
     def finished(self) -> bool:
-        """Whether every step is done."""
         return self._began is not None and len(self._done) == len(self._began.plan.steps)
 
     @property
@@ -149,35 +130,27 @@ class GuideScreen(StationScreen):
         """The step completed last."""
         return next(reversed(self._done), None)
 
-    def _before(self, name: str) -> dict[str, str]:
-        """The completed steps before this one; later ones must be repeated."""
-        steps = [step.name for step in self._began.plan.steps] if self._began is not None else []
-        before = steps[: steps.index(name)] if name in steps else steps
-        return {step: gave for step, gave in self._done.items() if step in before}
-
     def on_key(self, event: Key) -> None:
-        """Store unused keys as type-ahead for the next question."""
         if self.whole:
             self.answers.type_ahead(event)
 
-    # --- events of the run
-
     @singledispatchmethod
     def show(self, entry: MailboxEntry) -> None:
-        """Show an event or a question."""
         raise TypeError(f"unknown event: {entry!r}")
 
     @show.register
-    def _(self, began: RunBegan) -> None:
+    def _(self, began: frontend.RunBegan) -> None:
         self._began, self._now, self._stopped = began, None, False
         self._done = {name: began.gave.get(name, "") for name in began.done}
         self.query_one("#trouble", Part).say("")
         self._show_rail()
 
     @show.register
-    def _(self, began: StepBegan) -> None:
+    def _(self, began: frontend.StepBegan) -> None:
         self._now = began.step.name
-        self._done = self._before(began.step.name)
+        steps = [step.name for step in self._began.plan.steps] if self._began is not None else []
+        before = steps[: steps.index(began.step.name)] if began.step.name in steps else steps
+        self._done = {step: gave for step, gave in self._done.items() if step in before}
         self._end_coach()
         for name in ("#trouble", "#goal"):
             self.query_one(name, Part).say("")
@@ -192,14 +165,14 @@ class GuideScreen(StationScreen):
         self._show_rail()
 
     @show.register
-    def _(self, ended: StepEnded) -> None:
+    def _(self, ended: frontend.StepEnded) -> None:
         self._now = None
         self._done.pop(ended.step.name, None)  # to the end
         self._done[ended.step.name] = ended.gave
         self._show_rail()
 
     @show.register
-    def _(self, doing: ProgressEvent) -> None:
+    def _(self, doing: frontend.ProgressEvent) -> None:
         self.query_one(ProgressLine).show(doing)
         self._doing_last = doing.lasts
         if not self.answers.open:
@@ -209,28 +182,37 @@ class GuideScreen(StationScreen):
     def _(self, preview: FramePreview) -> None:
         self._doing_last = False
         self._end_verdict()
-        self._coach(preview)
+        was_held = self._coached is not None and self._coached.hold_s is not None
+        outline = preview.advice.outline
+        self._coached = (
+            preview if outline is not None and not (preview.advice.good and preview.hold_s is None) else None
+        )
+        if preview.hold_s is not None:
+            self._held_until_s = time.monotonic() + preview.hold_s
+            if not was_held:
+                self.app.bell()
+        self._show_coach()
         self.query_one(Picture).show(preview.picture)
         self._show_readings(preview.advice.readings)
         if not self.answers.open:
             self.answers.show_sentence(AT_WORK if preview.hold_s is not None else preview.advice.say or AT_WORK)
 
     @show.register
-    def _(self, event: GoalEvent) -> None:
+    def _(self, event: frontend.GoalEvent) -> None:
         self.query_one("#goal", Part).say(self.glyphs.spelt(event.goal.say))
 
     @show.register
-    def _(self, matched: Matched) -> None:
+    def _(self, matched: frontend.Matched) -> None:
         self.app.bell()
         self._end_coach()
         self.answers.show_sentence("Taking the photograph.")
 
     @show.register
-    def _(self, curve: ScanEvent) -> None:
+    def _(self, curve: frontend.ScanEvent) -> None:
         self._show_curve(trend(curve.places, curve.scores, f"{curve.quantity} over {axis_words(curve.axis)}"))
 
     @show.register
-    def _(self, event: DiagramEvent) -> None:
+    def _(self, event: frontend.DiagramEvent) -> None:
         steps = self._began.plan.steps if self._began is not None else ()
         title = [literal(step.title, "bold") for step in steps if step.name == self._now]
         self.query_one("#instruction", Part).update(lines_of(*title, event.diagram.say))
@@ -240,12 +222,12 @@ class GuideScreen(StationScreen):
         self._show_curve(None if event.diagram.drawing else partial(drawn, event.diagram))
 
     @show.register
-    def _(self, problem: ProblemEvent) -> None:
+    def _(self, problem: frontend.ProblemEvent) -> None:
         self._doing_last = False
         self._complain(problem.reason, problem.remedy)
 
     @show.register
-    def _(self, result: Result) -> None:
+    def _(self, result: frontend.Result) -> None:
         self._doing_last = False
         planes = [f"{name}: {verdict_words(plane.verdict, self.glyphs)}" for name, plane in result.planes.items()]
         words = [f"Measurement: {verdict_words(result.verdict, self.glyphs)}   {'   '.join(planes)}"]
@@ -263,7 +245,7 @@ class GuideScreen(StationScreen):
     @show.register
     def _(self, question: Question) -> None:
         progress = self.query_one(ProgressLine)
-        if self._doing_last and question.ask.key != MOVE:  # a note for this question
+        if self._doing_last and question.ask.key != frontend.MOVE:  # a note for this question
             progress.hold()
         else:
             progress.show(None)
@@ -271,7 +253,7 @@ class GuideScreen(StationScreen):
         self._doing_last = False
 
     @show.register
-    def _(self, ended: RunEnded) -> None:
+    def _(self, ended: frontend.RunEnded) -> None:
         report = f" The report is {ended.report}." if ended.report else ""
         report += f" The certificate is {ended.certificate.name} in the same folder." if ended.certificate else ""
         finished = ended.how == "finished"
@@ -280,12 +262,10 @@ class GuideScreen(StationScreen):
             self.app.bell()
 
     def fail(self, problem: Problem) -> None:
-        """Show that the run could not begin, or failed."""
         self._complain(problem.reason, problem.remedy)
         self.rest("The run failed. All photographs are kept.", AFTER_A_STOP)
 
     def rest(self, sentence: str, offers: Mapping[str, type[Command]]) -> None:
-        """Show the commands available after the end of a run."""
         self._now, self._stopped = None, True
         self.query_one(ProgressLine).show(None)
         self.answers.offer(sentence, offers)
@@ -293,39 +273,21 @@ class GuideScreen(StationScreen):
         self.refresh_frame()
 
     def begin(self, words: str) -> None:
-        """Show that a run begins."""
         self._stopped = False
         self.query_one("#trouble", Part).say("")
         self.answers.show_sentence(words)
         self.refresh_frame()
 
     def ending(self) -> None:
-        """Show that the run is ending."""
         self.answers.show_sentence(
             f"Ending after this exposure. {EndRun.key_name()} again: stop every device and end now."
         )
-
-    # --- the coach
-
-    def _coach(self, preview: FramePreview) -> None:
-        """Show how to match the outline; a tone when it matches."""
-        was_held = self._coached is not None and self._coached.hold_s is not None
-        outline = preview.advice.outline
-        self._coached = (
-            preview if outline is not None and not (preview.advice.good and preview.hold_s is None) else None
-        )
-        if preview.hold_s is not None:
-            self._held_until_s = time.monotonic() + preview.hold_s
-            if not was_held:
-                self.app.bell()
-        self._show_coach()
 
     def _end_coach(self) -> None:
         self._coached = None
         self._show_coach()
 
     def _show_coach(self) -> None:
-        """The way to the wanted outline, or the countdown, in words and in large signs."""
         if not self.whole:
             return
         words = sign = ""
@@ -348,8 +310,7 @@ class GuideScreen(StationScreen):
         self.remove_class("-verdict")
         self._show_values(())
 
-    def _show_sharpness(self, result: Result) -> None:
-        """PSF and MTF of the plane whose numbers are shown, or the restored picture."""
+    def _show_sharpness(self, result: frontend.Result) -> None:
         from procedures.outcome import ProcedureError  # imported here: the first screen needs neither
         from station.results.reader import read_picture
 
@@ -361,11 +322,8 @@ class GuideScreen(StationScreen):
                 self.query_one(Picture).show(picture_thumbnail(read_picture(restored), "restored picture"))
         self._show_curve(mtf_plot([one] if one is not None else []))
 
-    # --- parts
-
     @property
     def glyphs(self) -> Glyphs:
-        """The application's glyphs."""
         return self.query_one(Rail).glyphs
 
     def _complain(self, reason: str, remedy: str) -> None:
@@ -376,7 +334,6 @@ class GuideScreen(StationScreen):
             self.query_one(Rail).show(self._began.plan, self._done, self._now)
 
     def _show_values(self, planes: Sequence[PlaneResult]) -> None:
-        """The numbers that one accepts: all of one plane, the sharpness of the others."""
         first = sorted(planes, key=lambda plane: plane.name != "G1")[:1]
         lines = [line for plane in first for line in (plane.name, *number_lines(plane, self.glyphs))]
         others = [self.glyphs.spelt(plane_words(plane)) for plane in planes if plane not in first]
@@ -396,7 +353,6 @@ class GuideScreen(StationScreen):
         self._make_room()
 
     def _make_room(self) -> None:
-        """Adapt the layout: the image takes the space of missing numbers and curves, and a drawing gives its own."""
         visible = any(self.query_one(f"#{name}").display for name in ("sign", "values", "readings", "curve"))
         self.query_one("#numbers").display = visible
         self.set_class(visible and self.query_one(Picture).picture is None, "-drawing")

@@ -21,6 +21,7 @@ from station.app.widgets import SPACE, Part, lines_of, literal
 if TYPE_CHECKING:
     from procedures.plan import Ask, Fact, Step
     from station.app.background import Finished
+    from station.bench.opening import Bench
     from station.guide.frontend import Consent
 
 
@@ -50,11 +51,9 @@ class StationScreen(Screen[None]):
             self.screen = screen
 
     def body(self) -> ComposeResult:
-        """Widgets between title and devices."""
         raise NotImplementedError
 
     def compose(self) -> ComposeResult:
-        """Title, body, devices, keys."""
         yield Part(TOO_SMALL, id="too-small")
         yield Part(id="title")
         yield from self.body()
@@ -62,24 +61,25 @@ class StationScreen(Screen[None]):
         yield KeyLine(id="keys")
 
     def on_mount(self) -> None:
-        """Show the current state."""
         self.refresh_frame()
         self.post_message(self.Ready(self))
 
     def on_screen_resume(self) -> None:
-        """Show changes made while another screen was open."""
         self.refresh_frame()
 
     def refresh_frame(self) -> None:
-        """Update devices, title and keys."""
         self.app.fill_frame(self)  # type: ignore[attr-defined]
 
+    @property
+    def bench(self) -> Bench | None:
+        """The application's bench."""
+        bench: Bench | None = self.app.bench  # type: ignore[attr-defined]
+        return bench
+
     def can(self, command: type[Command]) -> bool:
-        """Whether a command of this screen is available."""
         return True
 
     def question_help(self) -> Sequence[str]:
-        """Help on the open question, if any."""
         return ()
 
     def done(self, finished: Finished) -> None:
@@ -127,7 +127,6 @@ class Choices(Part, can_focus=True):
         """Time at which the last key was pressed, which may be earlier than its handling."""
 
     def on_mount(self) -> None:
-        """Show the lines."""
         self.set_lines(self.lines)
 
     def set_lines(self, lines: Sequence[str], at: int = 0, *, by_enter_alone: bool = False) -> None:
@@ -146,28 +145,23 @@ class Choices(Part, can_focus=True):
         self.update(lines_of(*rows))
 
     def on_key(self, event: Key) -> None:
-        """Record the time of the key."""
         self.pressed_s = event.time
 
     def watch_has_focus(self, focused: bool) -> None:
-        """Show the cursor in the list that has the focus, and in no other."""
         super().watch_has_focus(focused)
         self._show()
 
     def action_move(self, by: int) -> None:
-        """Move up or down within the list."""
         before, self.at = self.at, min(max(self.at + by, 0), max(len(self.lines) - 1, 0))
         self._show()
         self.scroll_visible(animate=False)
         self.post_message(self.Moved(self.at) if self.at != before else self.Beyond(by))
 
     def action_take(self) -> None:
-        """Choose the highlighted line."""
         if self.lines:
             self.post_message(self.Chosen(self, self.at))
 
     def action_take_lightly(self) -> None:
-        """Choose the highlighted line by the space bar."""
         if not self.by_enter_alone:
             self.action_take()
 
@@ -189,7 +183,6 @@ class InputLine(Input):
         """Time at which the last key was pressed, which may be earlier than its handling."""
 
     def on_key(self, event: Key) -> None:
-        """Record the time of the key."""
         self.pressed_s = event.time
 
 
@@ -232,11 +225,9 @@ class AnswerBox(Vertical):
 
     @property
     def open(self) -> bool:
-        """Whether a question is open."""
         return self._ask is not None
 
     def explain(self, step: Step | None = None) -> Sequence[str]:
-        """Help on the open question, if any."""
         from station.guide.question_help import explain
 
         return () if self._ask is None else explain(self._ask, step)
@@ -247,24 +238,21 @@ class AnswerBox(Vertical):
         self._show(sentence)
 
     def type_ahead(self, event: Key) -> None:
-        """Store a key pressed while no question is open."""
         if not self.open and event.character is not None and event.character in NUMBER_CHARACTERS:
             self._ahead = (*self._ahead[-20:], event)
 
-    def _typed_ahead(self) -> str:
-        """The text typed shortly before the question."""
-        ahead, self._ahead = self._ahead, ()
-        return "".join(key.character or "" for key in ahead if self._asked_s - key.time < TYPE_AHEAD_S)
+    def _note_shown(self) -> None:
+        self._shown_s = Message().time
 
     def ask(self, ask: Ask) -> None:
-        """Show a question with its default answer."""
         from station.guide.answers import words
 
         self._ask, self._shown_s = ask, math.inf
         self.call_after_refresh(self._note_shown)
         typed = ask.kind in ("number", "text")
         self._show(ask.question + _wanted(ask), "#typed" if typed else "#choices")
-        ahead = self._typed_ahead()
+        keys, self._ahead = self._ahead, ()
+        ahead = "".join(key.character or "" for key in keys if self._asked_s - key.time < TYPE_AHEAD_S)
         if typed:
             box = self.query_one(InputLine)
             begun = ahead if ask.kind == "number" else ""
@@ -284,18 +272,13 @@ class AnswerBox(Vertical):
             at = lines.index(str(ask.default)) if str(ask.default) in lines else 0
             choices.set_lines(lines, at, by_enter_alone=consent is not None)
 
-    def _note_shown(self) -> None:
-        self._shown_s = Message().time
-
     def offer(self, sentence: str, offers: Mapping[str, type[Command]]) -> None:
-        """Show a sentence with commands as choices, by their labels."""
         self._ask, self._offers = None, list(offers.values())
         self._show(sentence, "#choices")
         lines = [f"{words} ({command.key_name()})" for words, command in offers.items()]
         self.query_one(Choices).set_lines(lines)
 
     def _show(self, sentence: str, means: str = "") -> None:
-        """Show a sentence and focus the widget for the answer, if any."""
         self._asked_s = Message().time  # by the clock of the keys
         self.query_one("#next", Part).update(literal(sentence, "bold"))
         self.query_one("#wrong", Part).say("")
@@ -304,13 +287,11 @@ class AnswerBox(Vertical):
         self.screen.set_focus(self.query_one(means) if means else None)
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Answer with the typed text."""
         event.stop()
         if self.query_one(InputLine).pressed_s >= self._asked_s:
             self._answer(event.value)
 
     def on_choices_chosen(self, event: Choices.Chosen) -> None:
-        """Answer with the chosen line."""
         event.stop()
         if event.choices.pressed_s < self._asked_s:
             return
@@ -343,7 +324,6 @@ def _consent(ask: Ask) -> Consent | None:
 
 
 def _wanted(ask: Ask) -> str:
-    """Checks before a consent; unit and limits of a number: " (50 to 2000 mm)"."""
     if consent := _consent(ask):
         return f" {consent.check}"
     if ask.kind != "number":

@@ -35,7 +35,6 @@ class ResultEntry:
     wrong: str = ""
 
     def name(self) -> str:
-        """Name of the session and of the result."""
         return f"{self.folder.parent.parent.name}  {self.folder.name}"
 
 
@@ -67,7 +66,6 @@ class ResultsScreen(StationScreen):
         self._plane = ""
 
     def body(self) -> ComposeResult:
-        """List, pictures, numbers."""
         with Horizontal(id="middle"):
             with VerticalScroll(id="list", can_focus=False):
                 yield Choices(id="entries")
@@ -79,13 +77,11 @@ class ResultsScreen(StationScreen):
                     yield Part(NONE_YET, id="words")
 
     def on_mount(self) -> None:
-        """Read the results."""
         super().on_mount()
         self.set_class(True, EMPTY)
         self.query_one(Choices).focus()
 
     def on_screen_resume(self) -> None:
-        """Read the results again after another screen."""
         super().on_screen_resume()
         self.look_again()
 
@@ -119,7 +115,6 @@ class ResultsScreen(StationScreen):
 
     @on(NextPlane)
     def next_plane(self) -> None:
-        """Show the next plane."""
         result = self._chosen.result if self._chosen else None
         names = list(result.by_name) if result else []
         if names:
@@ -128,15 +123,11 @@ class ResultsScreen(StationScreen):
 
     @on(Compare)
     def compare(self) -> None:
-        """Begin or end the comparison with the chosen result."""
         self._compared = None if self._compared is not None else self._chosen
         self.show_entries(self._entries)
 
     def can(self, command: type[Command]) -> bool:
-        """Planes and comparison require a result."""
         return command is Reload or self._chosen is not None
-
-    # --- showing
 
     def _shown_plane(self, names: Sequence[str]) -> str:
         return self._plane if self._plane in names else "G1" if "G1" in names else names[0]
@@ -166,7 +157,6 @@ class ResultsScreen(StationScreen):
             self.query_one("#words", Part).update(lines_of(head, *(lines or ["the results have no number in common"])))
 
     def _show_restoration(self, folder: Path, restoration: Measurement) -> None:
-        """Show a restored image without curves."""
         self._draw(None, ())
         lines = restored_in_words(restoration, self._glyphs)
         try:

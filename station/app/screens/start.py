@@ -58,7 +58,6 @@ class StartScreen(StationScreen):
         self._kept: Sequence[SessionSummary] = ()
 
     def body(self) -> ComposeResult:
-        """The form."""
         camera, lens = self._names
         with VerticalScroll(id="form", can_focus=False):
             for what, name in (("camera", camera), ("lens", lens)):
@@ -79,7 +78,6 @@ class StartScreen(StationScreen):
         self.query_one("#plans").focus()
 
     def refresh_frame(self) -> None:
-        """Update the frame, and the remedy for each device that cannot be used yet."""
         super().refresh_frame()
         if self.is_mounted:
             conditions: Mapping[str, Condition] = self.app.conditions  # type: ignore[attr-defined]
@@ -98,35 +96,28 @@ class StartScreen(StationScreen):
         return [*self._plans.values(), LIVE_FOCUS]
 
     def show_kept(self, kept: Sequence[SessionSummary]) -> None:
-        """Show the sessions, unfinished ones first."""
         self._kept = sorted(kept, key=lambda one: one.ended == "finished")
-        if kept:
-            self._propose(kept[0].camera, kept[0].lens)
+        if kept:  # propose camera and lens of the last session, unless something else was typed
+            names = kept[0].camera, kept[0].lens
+            for part, usual, last in zip(("camera", "lens"), self._names, names, strict=True):
+                box = self.query_one(f"#{part}", Input)
+                if box.value == usual:
+                    box.value = last
+                    box.action_select_all()
+            self._names = names
         self.query_one("#old").display = bool(self._kept)
         self.query_one("#kept", Choices).set_lines([kept_in_words(one) for one in self._kept])
 
-    def _propose(self, *names: str) -> None:
-        """Propose camera and lens of the last session, unless something else was typed."""
-        for part, usual, last in zip(("camera", "lens"), self._names, names, strict=True):
-            box = self.query_one(f"#{part}", Input)
-            if box.value == usual:
-                box.value = last
-                box.action_select_all()
-        self._names = (names[0], names[1])
-
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Go to the next line."""
         self.focus_next()
 
     def on_choices_beyond(self, event: Choices.Beyond) -> None:
-        """Go to the line below or above."""
         if event.by > 0:
             self.focus_next()
         else:
             self.focus_previous()
 
     def on_choices_chosen(self, event: Choices.Chosen) -> None:
-        """Begin or continue a session."""
         if event.choices.id == "kept":
             self.post_message(self.Resume(self._kept[event.index].folder))
             return

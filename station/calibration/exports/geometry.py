@@ -32,7 +32,6 @@ def export_camera(stored: StoredCamera, form: str) -> Export:
 
 
 def _opencv(stored: StoredCamera) -> Text:
-    """OpenCV's FileStorage, YAML, with matrix and coefficients as from `calibrateCamera`."""
     camera = _by_opencv(stored, (4, 5, 8, 12))
     (fx, fy), (cx, cy) = camera.focal_px, camera.centre
     K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
@@ -54,7 +53,6 @@ def _matrix(name: str, values: Array) -> list[str]:
 
 
 def _ros(stored: StoredCamera) -> Text:
-    """ROS camera_info, as camera_calibration_parsers read it."""
     camera = _by_opencv(stored, (5, 8))
     (fx, fy), (cx, cy) = camera.focal_px, camera.centre
     model = "plumb_bob" if len(camera.distortion) == 5 else "rational_polynomial"
@@ -76,7 +74,6 @@ def _ros_matrix(name: str, rows: int, columns: int, data: Sequence[float]) -> li
 
 
 def _kalibr(stored: StoredCamera) -> Text:
-    """Kalibr's camera chain, by the most accurate of its camera and distortion models."""
     camera = as_kalibr(stored.camera, stored.region)
     lines = [
         "cam0:",

@@ -32,11 +32,7 @@ def _numbers(values: Array, separator: str = ",") -> str:
     return separator.join(f"{value:.5g}" for value in values.ravel())
 
 
-# --- NumPy -----------------------------------------------------------------------------------------------------------
-
-
 def _python(tiles: KernelTiles, source: str) -> tuple[str, str]:
-    """The program beside this module with the filters in its last line."""
     file = io.BytesIO()
     np.savez_compressed(
         file, shape=np.array(tiles.shape), kernels=tiles.kernels.astype(np.float32), x=tiles.x.astype(int),
@@ -48,8 +44,6 @@ def _python(tiles: KernelTiles, source: str) -> tuple[str, str]:
         program = program.replace(f'{name} = ""', f"{name} = {value!r}")
     return (program, "the filters are in single precision")
 
-
-# --- ImageMagick -----------------------------------------------------------------------------------------------------
 
 SHELL = """\
 #!/bin/sh
@@ -118,12 +112,9 @@ def _imagemagick(tiles: KernelTiles, source: str) -> tuple[str, str]:
 
 
 def _by_node(tiles: KernelTiles) -> Iterator[tuple[tuple[int, int], Array]]:
-    """Row, column and filters (colours, K, K) of every node."""
     for i, j in np.ndindex(tiles.kernels.shape[:2]):
         yield (i, j), tiles.kernels[i, j]
 
-
-# --- G'MIC -----------------------------------------------------------------------------------------------------------
 
 GMIC = """\
 #@gmic
@@ -177,8 +168,6 @@ def _gmic(tiles: KernelTiles, source: str) -> tuple[str, str]:
     )
     return (text, "five digits of each coefficient")
 
-
-# --- RawTherapee -----------------------------------------------------------------------------------------------------
 
 PROFILE = """\
 [Version]

@@ -23,13 +23,11 @@ from station.calibration.exports.geometry import EXACT, best_fit
 from station.calibration.stored_cameras import StoredCamera
 
 MODELS = ("poly3", "poly5", "ptlens")
-"""Distortion models, by number of coefficients."""
 FULL_FRAME_MM = float(np.hypot(36, 24))
 DISTANCES_M = (0.25, 1000.0)
 """lensfun interpolates over the focus distance: equal values at both ends apply to all distances."""
 COLOURS = {"R": "r", "B": "b"}
 DIGITS = 9
-"""Significant digits of a number."""
 PLACES = 41
 """Points along each side at which the light is compared with its formula."""
 
@@ -58,10 +56,8 @@ class GivenNames:
     pitch_um: float | None
 
     def completed(self, exposure: Exposure | None, focal_px: float, *, with_light: bool) -> LensNames:
-        """Completed by the exposure of the field's photographs; focal length and pitch follow from each other.
-
-        Raises BadParameter if neither of these two is known, or vignetting has no f-number.
-        """
+        """Completed by the exposure of the field's photographs; focal length and pitch follow from each other. Raises
+        BadParameter if neither of these two is known, or vignetting has no f-number."""
         known = exposure or Exposure()
         focal = self.focal_mm or known.focal_length_mm
         pitch = self.pitch_um
@@ -136,10 +132,8 @@ def best_radial(stored: StoredCamera) -> RadialCamera:
 def lateral_terms(
     colours: Mapping[str, LateralColour], centre: Array, columns: int, rows: int
 ) -> tuple[dict[str, str], list[str]]:
-    """tca's poly3 of red and blue: r (v + c r + b r^2), and its residual in sensor pixels.
-
-    Raises BadParameter if the field is of another frame.
-    """
+    """tca's poly3 of red and blue: r (v + c r + b r^2), and its residual in sensor pixels. Raises BadParameter if the
+    field is of another frame."""
     terms: dict[str, str] = {}
     lost, unit = [], unit_px(columns, rows)
     for plane, letter in COLOURS.items():
@@ -167,10 +161,8 @@ def lateral_terms(
 
 
 def pitch_of(shape: tuple[int, int], columns: int, rows: int) -> int:
-    """Sensor pixels per pixel of a plane of that shape. Raises BadParameter for another frame.
-
-    The origin of the plane, at most a pixel, is negligible for variations over the whole frame.
-    """
+    """Sensor pixels per pixel of a plane of that shape. Raises BadParameter for another frame. The origin of the plane,
+    at most a pixel, is negligible for variations over the whole frame."""
     pitch = max(round(columns / shape[1]), 1)
     if (shape[0] * pitch, shape[1] * pitch) != (rows, columns):
         raise BadParameter(

@@ -27,7 +27,6 @@ from station.calibration.stored_results import plane_entry, stored_record, table
 
 GRID = (15, 11)
 HIDDEN = -1.0
-"""Weight of a corner that a photograph does not show."""
 METRE = 1000.0
 POSE = 6
 """Columns of OpenCV's derivatives: rotation and shift, before the camera's parameters."""

@@ -31,10 +31,8 @@ def field_path(result: Path) -> Path:
 
 
 def read_plane(result: Path, plane: str | None) -> PsfField:
-    """The field of one plane of a result, by its folder or field.h5; of green, or the first plane, by default.
-
-    Raises BadInput if there is no field; BadParameter if the plane is not in it.
-    """
+    """The field of one plane of a result, by its folder or field.h5; of green, or the first plane, by default. Raises
+    BadInput if there is no field; BadParameter if the plane is not in it."""
     path = field_path(result)
     fields = read_field(path)
     if not fields:
@@ -75,7 +73,6 @@ def _count(field: PsfField, columns: int) -> int:
 
 
 def _grid_loss(field: PsfField, x: np.ndarray, y: np.ndarray) -> tuple[str, ...]:
-    """Error of interpolation between the points of the grid at the centres of cells, where the field is known."""
     middle = np.stack(np.meshgrid((x[1:] + x[:-1]) / 2, (y[1:] + y[:-1]) / 2), axis=-1).reshape(-1, 2)
     i, j = np.meshgrid(np.arange(len(x) - 1), np.arange(len(y) - 1))
     corners = [np.column_stack([x[i + a].ravel(), y[j + b].ravel()]) for a in (0, 1) for b in (0, 1)]
@@ -94,12 +91,14 @@ def _psfex(field: PsfField) -> Export:
     Source: PSFEx manual, "The PSF model file"; as read by `galsim.des.DES_PSFEx`.
     """
     model = as_polynomial(field, allowed=ALLOWED)
+    h = field.samples(np.array([[(field.shape[1] - 1) / 2, (field.shape[0] - 1) / 2]]))[0]
     c, rows, columns = model.images.shape
+    fwhm = float(2 * np.sqrt(np.count_nonzero(h > h.max() / 2) / np.pi) / field.s)  # of the circle of the same area
     cards: Cards = [
         ("EXTNAME", "PSF_DATA"), ("LOADED", len(field.nodes)), ("ACCEPTED", len(field.nodes)), ("CHI2", 1.0),
         ("POLNAXIS", 2), ("POLGRP1", 1), ("POLNAME1", "X_IMAGE"), ("POLZERO1", model.centre[0] + FIRST),
         ("POLSCAL1", model.scale), ("POLGRP2", 1), ("POLNAME2", "Y_IMAGE"), ("POLZERO2", model.centre[1] + FIRST),
-        ("POLSCAL2", model.scale), ("POLNGRP", 1), ("POLDEG1", model.degree), ("PSF_FWHM", _fwhm(field)),
+        ("POLSCAL2", model.scale), ("POLNGRP", 1), ("POLDEG1", model.degree), ("PSF_FWHM", fwhm),
         ("PSF_SAMP", 1 / field.s), ("PSFNAXIS", 3), ("PSFAXIS1", columns), ("PSFAXIS2", rows), ("PSFAXIS3", c),
         ("PLANE", field.plane),
     ]  # fmt: skip
@@ -108,13 +107,6 @@ def _psfex(field: PsfField) -> Export:
         data, (f"a polynomial of degree {model.degree} errs by {model.lost:.2%} of the PSF's norm at most; "
         "beyond the charts the polynomial is extrapolated",)
     )  # fmt: skip
-
-
-def _fwhm(field: PsfField) -> float:
-    """Diameter, in pixels, of the circle of the same area as the samples above half the maximum, at the centre."""
-    rows, columns = field.shape
-    h = field.samples(np.array([[(columns - 1) / 2, (rows - 1) / 2]]))[0]
-    return float(2 * np.sqrt(np.count_nonzero(h > h.max() / 2) / np.pi) / field.s)
 
 
 def _deepinv(field: PsfField) -> Export:

@@ -20,6 +20,7 @@ from procedures.reading.tiff_tags import ICC_PROFILE
 from procedures.restoration.joint.result import Restoration
 from station.calibration.camera_metadata import read_metadata
 from station.calibration.picture_files import write_tiff
+from station.drawing.pictures import encoded
 
 QUALITY = 97
 """Quality of JPEG, WebP and HEIC files that are written: their loss is below that of the files that are read."""
@@ -94,7 +95,10 @@ def picture_file(
     levels, name = development.curve.encoded(picture), f"picture{SUFFIXES[development.format]}"
     words = f"{words}; tone curve: {development.curve.name}"
     if development.format in ("TIFF", RAW):
-        return {name: lambda path: _write_tiff(path, development, frame, levels, words)}
+        metadata = read_metadata(b"", frame.exposure)
+        profile = {ICC_PROFILE: (7, len(development.icc), development.icc)} if development.icc else {}
+        metadata = replace(metadata, picture={**metadata.picture, **profile})
+        return {name: lambda path: write_tiff(path, levels, metadata, words)}
     encode = _png_16 if development.bits == 16 else _picture_8
     return {name: lambda path: _write(path, encode(development, levels))}
 
@@ -103,34 +107,20 @@ def _write(path: Path, data: bytes) -> None:
     path.write_bytes(data)
 
 
-def _write_tiff(
-    path: Path, development: Development, frame: RawFrame, levels: npt.NDArray[np.float32], words: str
-) -> None:
-    metadata = read_metadata(b"", frame.exposure)
-    profile = {ICC_PROFILE: (7, len(development.icc), development.icc)} if development.icc else {}
-    write_tiff(path, levels, replace(metadata, picture={**metadata.picture, **profile}), words)
-
-
 def _png_16(development: Development, levels: npt.NDArray[np.float32]) -> bytes:
     """A PNG of 16 bits with profile and metadata, which OpenCV does not write."""
-    import cv2
-
-    samples = np.rint(np.moveaxis(levels, 0, -1)[..., ::-1] * 65535).astype(np.uint16)
-    done, data = cv2.imencode(".png", samples)
-    if not done:
-        raise RuntimeError("OpenCV could not encode PNG")
+    png = encoded(".png", np.rint(np.moveaxis(levels, 0, -1)[..., ::-1] * 65535).astype(np.uint16))
     chunks = {b"iCCP": b"ICC\0\0" + zlib.compress(development.icc)} if development.icc else {}
     chunks |= {b"eXIf": development.exif.removeprefix(b"Exif\0\0")} if development.exif else {}
-    png = bytes(data.tobytes())
-    return png[:HEAD] + b"".join(_chunk(kind, body) for kind, body in chunks.items()) + png[HEAD:]
+    framed = (
+        struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+        for kind, body in chunks.items()
+    )
+    return png[:HEAD] + b"".join(framed) + png[HEAD:]
 
 
 HEAD = 33
 """Bytes of a PNG's signature and IHDR."""
-
-
-def _chunk(kind: bytes, body: bytes) -> bytes:
-    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
 
 
 def _picture_8(development: Development, levels: npt.NDArray[np.float32]) -> bytes:

@@ -17,6 +17,7 @@ from procedures.restoration.masks.camera_motion import FLIPPED, Poses, poses_at,
 from procedures.restoration.masks.psf_shapes import measured_field, measured_heights, measured_shape
 from procedures.restoration.masks.shape_fields import ShapeField, symmetric
 from procedures.restoration.photograph_blur import Shape
+from station.results.exports import csv_columns
 
 Size = tuple[int, int]
 
@@ -34,14 +35,9 @@ ANY_SIZE = (240, 320)
 FIELD_SUFFIXES = (".h5", ".hdf5")
 
 
-# --- records of an IMU ---
-
-
 def read_imu(path: Path) -> ImuRecord:
-    """An IMU's record from a CSV file with the columns `COLUMNS`, named in its first row; `#` begins a comment.
-
-    Raises BadInput if it cannot be read, a column is missing, or a row does not hold numbers.
-    """
+    """An IMU's record from a CSV file with the columns `COLUMNS`, named in its first row; `#` begins a comment. Raises
+    BadInput if it cannot be read, a column is missing, or a row does not hold numbers."""
     values = _table(path, COLUMNS)
     return ImuRecord(values[:, 0], values[:, 1:4], values[:, 4:])
 
@@ -59,17 +55,17 @@ def read_poses(path: Path) -> Poses:
 
 def _table(path: Path, columns: Sequence[str]) -> Array:
     lines = read_rows(path, f"give a CSV file of {','.join(columns)}")
-    rows = [(n, row) for n, row in enumerate(lines, start=1) if _counts(row)]
+    rows = [
+        (n, row)
+        for n, row in enumerate(lines, start=1)
+        if any(cell.strip() for cell in row) and not row[0].lstrip().startswith("#")
+    ]
     names = [name.strip() for name in rows[0][1]] if rows else []
     lacking = [name for name in columns if name not in names]
     if lacking:
         raise BadInput(f"{path} has no column {', '.join(lacking)}", f"name them in its first row: {','.join(columns)}")
     at = [names.index(name) for name in columns]
     return np.array([_numbers(path, n, row, at) for n, row in rows[1:]], dtype=np.float64).reshape(-1, len(columns))
-
-
-def _counts(row: list[str]) -> bool:
-    return any(cell.strip() for cell in row) and not row[0].lstrip().startswith("#")
 
 
 def _numbers(path: Path, n: int, row: list[str], at: list[int]) -> list[float]:
@@ -86,16 +82,14 @@ def _numbers(path: Path, n: int, row: list[str], at: list[int]) -> list[float]:
 def imu_table(imu: ImuRecord) -> bytes:
     """A record as `read_imu` takes it."""
     rows = np.column_stack([imu.time_s, imu.acceleration_m_s2, imu.rotation_rad_s])
-    lines = [",".join(COLUMNS), *(",".join(f"{value:.7g}" for value in row) for row in rows)]
-    return ("\n".join(lines) + "\n").encode()
+    return csv_columns(dict(zip(COLUMNS, rows.T, strict=True)), 7)
 
 
 def poses_table(poses: Poses, exposure_s: float) -> bytes:
     """Poses in the format of `read_poses`."""
     t = np.linspace(0, exposure_s, len(poses.position_m))
     rows = np.column_stack([t, poses.position_m * FLIPPED, poses.turn_rad * FLIPPED])
-    lines = [",".join(POSE_COLUMNS), *(",".join(f"{value:.9g}" for value in row) for row in rows)]
-    return ("\n".join(lines) + "\n").encode()
+    return csv_columns(dict(zip(POSE_COLUMNS, rows.T, strict=True)), 9)
 
 
 def poses_of_records(
@@ -167,7 +161,6 @@ def _record_of(path: Path) -> dict[str, Any]:
 
 
 def _psf(path: Path, samples_per_px: int | None) -> tuple[Array, int] | None:
-    """A measured PSF and its samples per pixel; None if the file is a shape."""
     if path.suffix.lower() == ".npy":
         array = checked_array(read_npy(path, "PSF", _GIVE_PSF), str(path), remedy=_GIVE_PSF)
         return array, samples_per_px or _samples_of(path)

@@ -22,7 +22,7 @@ from station.cli.terminal.bench_options import (
     shaker_option,
     simulate_option,
 )
-from station.cli.terminal.command import SEED, columns, command
+from station.cli.terminal.command import PATH, SEED, columns, command
 from station.cli.terminal.inherited import inherited
 from station.common.errors import log
 
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from station.bench.opening import Bench, DeviceRow
 
 FAILED = 3
-"""The exit code of device errors."""
 
 
 @command("devices", as_json=True)
@@ -41,13 +40,13 @@ FAILED = 3
 @shaker_option
 @seed_option
 @click.option("--faults", is_flag=True, help="Inject faults into the simulated bench.")
-@click.option("--wire-log", type=click.Path(path_type=Path), help="Write every byte on the wires to this folder.")
+@click.option("--wire-log", type=PATH, help="Write every byte on the wires to this folder.")
 @click.option(
     "--commission", is_flag=True,
     help="Commission the stages: read their controllers, move them with your consent, report necessary changes.",
 )  # fmt: skip
 @click.option("--tap", is_flag=True, help="Measure the delay of the IMU's cable by taps that the box's unit feels too.")
-@click.option("--output", type=click.Path(path_type=Path), help="Write the commissioned stages' tables to this file.")
+@click.option("--output", type=PATH, help="Write the commissioned stages' tables to this file.")
 def devices(
     config: Path | None, simulate: bool, shaker: bool, seed: int, faults: bool, wire_log: Path | None, as_json: bool,
     commission: bool, tap: bool, output: Path | None,
@@ -93,7 +92,6 @@ class AtTheTerminal:
     """The operator at the stage, questioned on the terminal; remarks go to stderr."""
 
     def show(self, words: str) -> None:
-        """Write a line."""
         click.echo(words, err=True)
 
     def agrees(self, question: str) -> bool:
@@ -114,7 +112,6 @@ class AtTheTerminal:
 
 
 def _commission(bench: Bench, rows: list[DeviceRow], tables: Mapping[str, Any], output: Path | None) -> None:
-    """Commission each stage that answered."""
     from station.bench.commission import commission
 
     stages = [row.name for row in rows if row.error is None and hasattr(bench.devices[row.name], "move_to")]
@@ -128,7 +125,6 @@ def _commission(bench: Bench, rows: list[DeviceRow], tables: Mapping[str, Any], 
 
 
 def _tap(bench: Bench) -> None:
-    """Measure the delays of the units' cables, and write what belongs into their tables."""
     from drivers.errors import DeviceError
     from station.bench.common_event import TAPS, latencies
 
@@ -256,7 +252,6 @@ def _stage_table(driver: str | None, port: str | None, device: str | None, confi
 def _tried(
     table: Mapping[str, Any], place: Path | None, operations: int, seed: int, *, quiet: bool
 ) -> tuple[list[TrialResult], dict[str, Any]]:
-    """The results of all trials, and their record; `place` is the folder of a real stage's station.toml."""
     from station.bench.conform import at_port, at_twin
     from station.bench.conform import conform as findings_of
     from station.common.durable_files import temporary_folder
@@ -276,14 +271,12 @@ def _tried(
                     click.echo(f"{finding.trial}: {'kept' if finding.kept else 'BROKEN'}", err=True)
             source, at = source_of(type(rig.stage).__module__), "its twin" if place is None else rig.stage.address
     record = conformance_record(
-        table["driver"], at=at, identity=identity, source=source, seed=seed, operations=operations,
-        trials=findings,
-    )  # fmt: skip
+        table["driver"], at=at, identity=identity, source=source, seed=seed, operations=operations, trials=findings
+    )
     return findings, record
 
 
 def _verify_conformance(folder: Path, key: Path | None, *, strict: bool, as_json: bool) -> None:
-    """Show the checks of a record. Exits with 4 if one does not agree."""
     from station.common.signature import AGREES
     from station.reports.conformance import check_conformance
 

@@ -20,7 +20,7 @@ from station.cli.terminal.bench_options import (
     simulate_option,
     speed_option,
 )
-from station.cli.terminal.command import SEED, UNITS, FiniteNumber, command
+from station.cli.terminal.command import PATH, SEED, UNITS, FiniteNumber, command
 from station.cli.terminal.inherited import inherited
 from station.common.errors import log
 
@@ -30,20 +30,18 @@ if TYPE_CHECKING:
     from station.service.hosting import Hosting
 
 PORT = 11111
-"""The default of Alpaca."""
 TOKEN = "STATION_TOKEN"
 PATIENCE_S = 3.0
-"""Timeout for a run to write its last line."""
 
 
 @command("serve")
 @config_option
-@inherited("--sessions", type=click.Path(path_type=Path), default=Path("sessions"), show_default=True)
+@inherited("--sessions", type=PATH, default=Path("sessions"), show_default=True)
 @simulate_option
 @shaker_option
 @speed_option
 @seed_option
-@inherited("--specification", type=click.Path(path_type=Path), help="Limits for the results of new sessions, in TOML.")
+@inherited("--specification", type=PATH, help="Limits for the results of new sessions, in TOML.")
 @inherited("--unit", type=UNITS, help="Of frequencies in new sessions.  [default: from station.toml]")
 @click.option("--host", default="127.0.0.1", show_default=True, help="Where to listen; 0.0.0.0 for the local network.")
 @click.option("--port", type=click.IntRange(0, 65535), default=PORT, show_default=True, help="0 selects a free one.")
@@ -108,7 +106,6 @@ def _begin(lab: StationLab, listening: socket.socket, host: str, token: str | No
 
 
 def _announce(host: str, port: int, token: str | None, as_json: bool, served: ServedBench) -> None:
-    """Write the address, and report problems of the bench."""
     from station.service.access import is_loopback
 
     address = f"http://{_reached_at(host)}:{port}"
@@ -126,7 +123,6 @@ def _announce(host: str, port: int, token: str | None, as_json: bool, served: Se
 
 
 def _reached_at(host: str) -> str:
-    """The address for clients: for a server on all interfaces, that of this machine in its network."""
     if host not in ("0.0.0.0", "::"):
         return f"[{host}]" if ":" in host else host
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
@@ -140,9 +136,7 @@ def _reached_at(host: str) -> str:
 @command("simulate", log_json=False)
 @inherited("--seed", type=SEED, default=0, show_default=True, help="Of all noise, and of the faults.")
 @click.option("--faults", is_flag=True, help="Lose, change and duplicate bytes at random, and stop answering.")
-@click.option(
-    "--folder", type=click.Path(path_type=Path), default=Path("incoming"), show_default=True, help="Where RAW files go."
-)
+@click.option("--folder", type=PATH, default=Path("incoming"), show_default=True, help="Where RAW files go.")
 @click.option("--json", "as_json", is_flag=True, help="Write the addresses as one JSON object.")
 @click.option("--for-s", type=FiniteNumber(min=0, max=1e9), help="End after so many seconds.  [default: on Ctrl-C]")
 def simulate(seed: int, faults: bool, folder: Path, as_json: bool, for_s: float | None) -> None:

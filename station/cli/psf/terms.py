@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from station.cli.terminal.bench_options import existing_file
-from station.cli.terminal.command import UNITS, force_option, options
+from station.cli.terminal.command import PATH, UNITS, force_option, options
 from station.cli.terminal.inherited import inherited
 
 if TYPE_CHECKING:
     from station.reports.certificate_details import CertificateDetails
     from station.results.terms import Terms
-    from station.results.units import Unit
 
 DETAILS = click.option(
-    "--certificate-details", type=click.Path(path_type=Path), metavar="FILE",
+    "--certificate-details", type=PATH, metavar="FILE",
     help="Laboratory, customer, serial numbers and dates of the certificate, in TOML; includes --certificate."
     "  [default: certificate.toml where there is one]",
 )  # fmt: skip
@@ -39,7 +37,7 @@ def details_of(options: dict[str, Any]) -> CertificateDetails | None:
 
 
 overlay_option = click.option(
-    "--overlay", "overlays", multiple=True, type=click.Path(path_type=Path), metavar="RESULT",
+    "--overlay", "overlays", multiple=True, type=PATH, metavar="RESULT",
     help="Draw the MTF of this result or session over the page's too; as often as wanted.",
 )  # fmt: skip
 jobs_option = click.option(
@@ -53,7 +51,6 @@ def plane_name(context: click.Context, option: click.Parameter, name: str | None
 
 
 def _frequencies(context: click.Context, option: click.Parameter, words: str | None) -> tuple[float, ...]:
-    """Parse frequencies such as 0.1,0.25."""
     try:
         frequencies = tuple(float(word) for word in (words or "").split(",") if word.strip())
     except ValueError:
@@ -69,21 +66,13 @@ unit_option = inherited(
     "  [default: as --config says, else cycles/pixel]",
 )  # fmt: skip
 config_option = inherited(
-    "--config", type=click.Path(path_type=Path), callback=existing_file,
+    "--config", type=PATH, callback=existing_file,
     help="File that names the unit where --unit does not.  [default: station.toml where there is one]",
 )  # fmt: skip
 
 
-def chosen_unit(name: str | None, config: Path | None) -> Unit:
-    """The requested unit, else that of `config` or station.toml. Raises BadParameter for an unknown one."""
-    from station.results.specification_file import preferred_unit
-    from station.results.units import Unit
-
-    return preferred_unit(config) if name is None else Unit(name.lower())
-
-
 specification_option = inherited(
-    "--specification", type=click.Path(path_type=Path), help="Limits that the numbers are compared with, in TOML."
+    "--specification", type=PATH, help="Limits that the numbers are compared with, in TOML."
 )
 
 
@@ -96,10 +85,11 @@ terms_options = options(unit_option, config_option, at_option, specification_opt
 def terms_of(options: dict[str, Any]) -> Terms:
     """The terms of the options, which are removed from them. Raises BadParameter for an invalid specification."""
     from station.results.limits import Specification
-    from station.results.specification_file import read_specification
+    from station.results.specification_file import preferred_unit, read_specification
     from station.results.terms import Terms
-    from station.results.units import Frequency
+    from station.results.units import Frequency, Unit
 
-    unit, file = chosen_unit(options.pop("unit", None), options.pop("config", None)), options.pop("specification")
+    name, config, file = options.pop("unit", None), options.pop("config", None), options.pop("specification")
+    unit = preferred_unit(config) if name is None else Unit(name.lower())
     at = tuple(Frequency(value, unit) for value in options.pop("at", ()))
     return Terms(unit, at, read_specification(file) if file else Specification())

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from station.cli.terminal.command import completed
+from station.cli.terminal.command import PATH, completed
 from station.cli.terminal.inherited import inherited
 from station.cli.terminal.lazy import LazyGroup
 
@@ -25,9 +25,8 @@ SESSION_COMMANDS = {
 Command = Callable[..., Any]
 
 sessions_option = inherited(
-    "--sessions", "root", type=click.Path(path_type=Path), default=Path("sessions"), show_default=True,
-    help="Folder of the sessions.",
-)  # fmt: skip
+    "--sessions", "root", type=PATH, default=Path("sessions"), show_default=True, help="Folder of the sessions."
+)
 
 
 @click.group(cls=LazyGroup, table=SESSION_COMMANDS)

@@ -15,7 +15,7 @@ from station.cli.psf.terms import certificate_options, details_of, overlay_optio
 from station.cli.result_log import check_strict
 from station.cli.session.group import find_session, newest_unfinished, session_argument, session_names, sessions_option
 from station.cli.terminal.bench_options import config_option, usual_config
-from station.cli.terminal.command import columns, command, completed
+from station.cli.terminal.command import PATH, columns, command, completed
 from station.cli.terminal.inherited import inherited
 from station.cli.terminal.progress import awaited, progress
 from station.common.errors import log
@@ -23,7 +23,6 @@ from station.common.errors import log
 if TYPE_CHECKING:
     from station.guide.recompute import RecomputedResult
     from station.sessions.reader import SessionRecord
-    from station.sessions.state import SessionShot
 
 
 @command("show", strict=True, as_json=True)
@@ -41,33 +40,21 @@ def session_show(name: str, root: Path, check: bool, strict: bool, as_json: bool
     for file in unknown_files(record.folder, record.state):
         log("unknown", f"{printable(file)} is not in the journal", level="warning")
     if check:
+        from station.common.durable_files import holds
+        from station.sessions.layout import SUMS
+        from station.sessions.reader import check_whole, sums, verify, verify_results
+
         with progress(1) as shown:
             shown("hashing photographs and results", 0)
-            same = _sums_agree(record)
-        _log_check(record, sums_agree=same)
+            verify(record.folder, record.state)
+            verify_results(record)
+            check_whole(record)
+            same = holds(record.folder / SUMS, hashlib.sha256(sums(record.folder, record.state)).hexdigest())
+        if not same:
+            log("unlike", f"{SUMS} differs from the journal; it is rewritten on resume", level="warning")
+        count = sum(not shot.lost for shot in record.state.shots)
+        log("checked", f"all {count} photographs and all results are unchanged", photographs=count)
     check_strict([result.verdict for result in record.state.results[-1:]], strict=strict)
-
-
-def _sums_agree(record: SessionRecord) -> bool:
-    """Compare photographs and results with the journal; whether the list of sums is that of the journal. Raises
-    Damaged."""
-    from station.common.durable_files import holds
-    from station.sessions.layout import SUMS
-    from station.sessions.reader import check_whole, sums, verify, verify_results
-
-    verify(record.folder, record.state)
-    verify_results(record)
-    check_whole(record)
-    return holds(record.folder / SUMS, hashlib.sha256(sums(record.folder, record.state)).hexdigest())
-
-
-def _log_check(record: SessionRecord, *, sums_agree: bool) -> None:
-    from station.sessions.layout import SUMS
-
-    if not sums_agree:
-        log("unlike", f"{SUMS} differs from the journal; it is rewritten on resume", level="warning")
-    count = sum(not shot.lost for shot in record.state.shots)
-    log("checked", f"all {count} photographs and all results are unchanged", photographs=count)
 
 
 def _words(record: SessionRecord) -> str:
@@ -85,7 +72,11 @@ def _words(record: SessionRecord) -> str:
     if state.facts:
         parts.append(columns([("fact", "value"), *((name, _value(fact)) for name, fact in state.facts.items())]))
     if state.shots:
-        parts.append(columns([SHOT_HEADING, *(_shot_row(shot) for shot in state.shots)]))
+        counts = {True: "yes", False: "no", None: "not judged"}
+        shots = (
+            (str(one.number), one.path, one.step, one.purpose, counts[one.counts], one.reason) for one in state.shots
+        )
+        parts.append(columns([SHOT_HEADING, *shots]))
     if state.results:
         rows = [
             (one.folder, one.step, " ".join(map(str, one.shots)), one.verdict, one.at[:16]) for one in state.results
@@ -95,11 +86,6 @@ def _words(record: SessionRecord) -> str:
 
 
 SHOT_HEADING = ("shot", "file", "step", "purpose", "counts", "why not")
-
-
-def _shot_row(shot: SessionShot) -> tuple[str, ...]:
-    counts = {True: "yes", False: "no", None: "not judged"}[shot.counts]
-    return str(shot.number), shot.path, shot.step, shot.purpose, counts, shot.reason
 
 
 def _value(fact: object) -> str:
@@ -124,7 +110,14 @@ def session_resume(
 
     record = read_session(folder := find_session(name, root) if name else newest_unfinished(root))
     if back_to is not None:
-        _check_step(record.state.plan, back_to)
+        from procedures.outcome import BadParameter
+        from station.guide.catalogue import plan_named
+
+        names = [step.name for step in plan_named(record.state.plan).steps]
+        if back_to not in names:
+            raise BadParameter(
+                f"the plan {record.state.plan} has no step {back_to!r}", f"choose one of {', '.join(names)}"
+            )
     settings = record.config.get("config", {})
     lab = StationLab(
         sessions=folder.parent,
@@ -138,18 +131,7 @@ def session_resume(
     raise click.exceptions.Exit(code)
 
 
-def _check_step(plan: str, name: str) -> None:
-    """Raises BadParameter where the plan has no such step."""
-    from procedures.outcome import BadParameter
-    from station.guide.catalogue import plan_named
-
-    names = [step.name for step in plan_named(plan).steps]
-    if name not in names:
-        raise BadParameter(f"the plan {plan} has no step {name!r}", f"choose one of {', '.join(names)}")
-
-
 DIFFERENT = 1
-"""Exit code for a difference."""
 
 
 @command("recompute", strict=True, as_json=True)
@@ -180,7 +162,6 @@ SAME_MACHINE = "versions and processor are the same: the program itself has chan
 AGREE = 0.01
 """Negligible change, as a fraction of the uncertainty."""
 HASHES = "files."
-"""Prefix of a record's entries with the hashes of its files."""
 
 
 def _report_recomputed(one: RecomputedResult) -> None:
@@ -204,7 +185,6 @@ def _report_recomputed(one: RecomputedResult) -> None:
 
 
 def _numbers(result: RecomputedResult) -> list[str]:
-    """Changes of the numbers relative to their uncertainties."""
     if not result.numbers:
         return []
     if not result.moved:
@@ -236,7 +216,7 @@ def session_delete(name: str, root: Path, yes: bool) -> None:
 
 @command("report", strict=True)
 @session_argument
-@click.option("--out", type=click.Path(path_type=Path), help="The HTML file.  [default: report.html in the session]")
+@click.option("--out", type=PATH, help="The HTML file.  [default: report.html in the session]")
 @certificate_options
 @overlay_option
 def session_report(

@@ -13,7 +13,7 @@ import click
 
 from station.cli.result_log import check_strict
 from station.cli.session.group import sessions_option
-from station.cli.terminal.command import columns, command, completed, options, plan_names
+from station.cli.terminal.command import PATH, columns, command, completed, options, plan_names
 from station.common.errors import log
 from station.common.sanitise import printable, stated
 
@@ -29,7 +29,6 @@ filter_options = options(
     click.option("--plan", shell_complete=completed(plan_names), help="Only sessions of this plan."),
     click.option("--since", metavar="DATE", help="Only sessions since this date: 2026-03-14."),
 )
-"""The options that choose sessions."""
 
 
 def chosen(since: str | None, **others: str | None) -> Filter:
@@ -90,7 +89,7 @@ def _row(entry: IndexEntry) -> tuple[str, ...]:
 @sessions_option
 @filter_options
 @click.option("--quantity", "quantities", multiple=True, help="[default: mtf50_horizontal and mtf50_vertical]")
-@click.option("--out", type=click.Path(path_type=Path), help="Draw it into this file, .svg or .png.")
+@click.option("--out", type=PATH, help="Draw it into this file, .svg or .png.")
 def session_trend(
     camera: str, root: Path, quantities: tuple[str, ...], out: Path | None, strict: bool, as_json: bool, **wanted: Any
 ) -> None:
@@ -107,13 +106,23 @@ def session_trend(
     if as_json:
         click.echo(json.dumps(_record(camera, lines), indent=1))
     elif lines:
-        click.echo(_table(lines))
+        parts = []
+        for (lens, plan), several in itertools.groupby(lines, lambda one: (one.lens, one.plan)):
+            rows = list(several)
+            units = ", ".join(sorted({row.unit for row in rows}))
+            title = printable(f"{lens}, plan {plan}, in {units}")
+            parts.append(f"{title}\n{columns([TREND_HEADING, *(_trend_row(row) for row in rows)])}")
+        click.echo("\n\n".join(parts))
     else:
         log(
             "trend", f"no session of {camera} has such a number; cameras: {', '.join(known) or 'none'}", level="warning"
         )
     if out is not None:
-        _draw(camera, lines, out)
+        from station.common.durable_files import write_whole
+        from station.reports.trend_figure import trend_picture
+
+        write_whole(out, trend_picture(camera, lines, out))
+        log("written", f"wrote {out}", path=str(out))
     check_strict(["pass" if line.drifts is False else "doubtful" for line in lines] or [None], strict=strict)
 
 
@@ -124,17 +133,6 @@ LEAST_CHANCE = 1e-3
 """Smallest probability that is given as a number."""
 
 
-def _table(lines: list[Trend]) -> str:
-    """A table for each lens and plan."""
-    parts = []
-    for (lens, plan), several in itertools.groupby(lines, lambda one: (one.lens, one.plan)):
-        rows = list(several)
-        units = ", ".join(sorted({row.unit for row in rows}))
-        title = printable(f"{lens}, plan {plan}, in {units}")
-        parts.append(f"{title}\n{columns([TREND_HEADING, *(_trend_row(row) for row in rows)])}")
-    return "\n\n".join(parts)
-
-
 def _trend_row(trend: Trend) -> tuple[str, ...]:
     last = stated(trend.points[-1].value, trend.points[-1].uncertainty)
     slope, chance = "-", "-"
@@ -142,14 +140,6 @@ def _trend_row(trend: Trend) -> tuple[str, ...]:
         slope = stated(trend.line.slope, trend.line.slope_uncertainty)
         chance = f"{trend.line.p_value:.2g}" if trend.line.p_value >= LEAST_CHANCE else f"< {LEAST_CHANCE:g}"
     return trend.plane, trend.quantity, str(len(trend.points)), last, slope, chance, trend.finding
-
-
-def _draw(camera: str, lines: list[Trend], out: Path) -> None:
-    from station.common.durable_files import write_whole
-    from station.reports.trend_figure import trend_picture
-
-    write_whole(out, trend_picture(camera, lines, out))
-    log("written", f"wrote {out}", path=str(out))
 
 
 def _record(camera: str, lines: list[Trend]) -> dict[str, Any]:

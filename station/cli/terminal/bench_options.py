@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from station.cli.terminal.command import SEED, FiniteNumber
+from station.cli.terminal.command import PATH, SEED, FiniteNumber
 from station.cli.terminal.inherited import inherited
 
 if TYPE_CHECKING:
     from station.guide.workspace import StationLab
 
 CONFIG = Path("station.toml")
-"""The default configuration."""
 
 
 def usual_config() -> Path | None:
@@ -30,7 +29,7 @@ def existing_file(context: click.Context, option: click.Parameter, path: Path | 
 
 
 config_option = inherited(
-    "--config", type=click.Path(path_type=Path), callback=existing_file,
+    "--config", type=PATH, callback=existing_file,
     help="The bench's devices.  [default: station.toml where there is one]",
 )  # fmt: skip
 simulate_option = inherited("--simulate", is_flag=True, help="Work with the simulated bench.")

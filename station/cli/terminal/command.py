@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 import click
@@ -119,9 +120,8 @@ def plan_names(ctx: click.Context) -> Iterable[str]:
 
 
 UNITS = click.Choice(["cycles/pixel", "lp/mm", "lw/ph"], case_sensitive=False)
-"""Units of frequencies."""
 SEED = click.IntRange(0, 2**63 - 1)
-"""Seed of a generator of random numbers."""
+PATH = click.Path(path_type=Path)
 
 
 def columns(rows: Sequence[Sequence[str]]) -> str:

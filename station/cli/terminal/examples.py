@@ -47,4 +47,3 @@ EXAMPLES: Mapping[str, str] = {
     "session trend": "",
     "session index": "--rebuild",
 }
-"""Arguments and options by command."""

@@ -22,10 +22,7 @@ INSTEAD: Mapping[tuple[str, str], str] = {
     ("session resume", "--plain"): "leave it out; a session is resumed in plain lines in any case",
     ("demo", "--simulate"): SIMULATED,
     ("simulate", "--simulate"): SIMULATED,
-    **{
-        ("session resume", name): KEPT
-        for name in ("--seed", "--shaker", "--speed", "--specification", "--unit", "--plan")
-    },
+    **{("session resume", name): KEPT for name in KEPT_OPTIONS},
 }
 """Remedy by command and option, where it is more specific than to omit the option."""
 
@@ -62,7 +59,6 @@ def check_inherited(group: click.Context, name: str, command: click.Command) -> 
 
 
 def _given(context: click.Context | None) -> Iterator[tuple[click.Parameter, Any]]:
-    """The options given to a group and its parents, nearest first, without eager ones (--quiet)."""
     while context is not None:
         for option in context.command.params:
             if option.expose_value and context.get_parameter_source(str(option.name)) in EXPLICIT:
@@ -71,7 +67,6 @@ def _given(context: click.Context | None) -> Iterator[tuple[click.Parameter, Any
 
 
 def _instead(group: click.Context, name: str, command: click.Command, flag: str) -> str:
-    """Remedy for an option that does not apply."""
     program = group.find_root().command_path
     words = f"{group.command_path} {name}".removeprefix(f"{program} ")
     if advice := INSTEAD.get((words, flag)):

@@ -39,13 +39,11 @@ class LazyGroup(StationCommand, click.Group):
         return [*self.table, *self._procedures()]
 
     def _procedures(self) -> list[str]:
-        """The procedures that other packages add to this group."""
         if not self.extensible:
             return []
         return [point.name for point in entry_points(group=ADDED) if point.name not in self.table]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """The command itself, imported now."""
         if cmd_name not in self.table:
             return _attribute(PROCEDURES, cmd_name) if cmd_name in self._procedures() else None
         module, function, _ = self.table[cmd_name]
@@ -79,7 +77,6 @@ class LazyGroup(StationCommand, click.Group):
         return {name: line for name, (_, _, line) in self.table.items()} | added
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-        """The commands with their help lines, and the options."""
         named = [CompletionItem(name, help=line) for name, line in self._lines().items() if name.startswith(incomplete)]
         return named + click.Command.shell_complete(self, ctx, incomplete)
 

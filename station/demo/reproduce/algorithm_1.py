@@ -1,7 +1,5 @@
-"""Algorithm I of Sorel's thesis with its own solver: alternating minimisation of (6.1) over picture and depth.
-
-The program's restoration replaces it by joint Gauss-Newton steps; the rows compare both with the thesis's numbers.
-"""
+"""Algorithm I of Sorel's thesis with its own solver: alternating minimisation of (6.1) over picture and depth. The
+program's restoration replaces it by joint Gauss-Newton steps; the rows compare both with the thesis's numbers."""
 
 from dataclasses import dataclass
 
@@ -38,10 +36,8 @@ def data_term(z: Array, stacks: list[MaskStack]) -> DataTerm:
 
 
 def algorithm_1(z: Array, stacks: list[MaskStack], w: Array, p: Alternation) -> tuple[Array, Array]:
-    """Picture and depth (H, W) from a first depth: conjugate gradients over the picture, steepest descent over w.
-
-    The step along the gradient of w minimises the linearised cost, and is halved until the cost falls.
-    """
+    """Picture and depth (H, W) from a first depth: conjugate gradients over the picture, steepest descent over w. The
+    step along the gradient of w minimises the linearised cost, and is halved until the cost falls."""
     data = data_term(z, stacks)
     depth = np.pad(w, data.R, mode="edge").astype(np.float32)
     most = np.float32(min(stack.max_w for stack in stacks))
@@ -60,7 +56,6 @@ def algorithm_1(z: Array, stacks: list[MaskStack], w: Array, p: Alternation) -> 
 def _descend(
     data: DataTerm, u: npt.NDArray[np.float32], w: npt.NDArray[np.float32], weight: float, most: np.float32
 ) -> npt.NDArray[np.float32]:
-    """w after a step of steepest descent of the error term and the total variation of w."""
     data.focus(w)
     e = data.residual(u)
     variation = total_variation(w[None], LEAST_SLOPE)

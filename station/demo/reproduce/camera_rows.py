@@ -1,14 +1,10 @@
-"""Chapter 2 of the thesis, experiments: the PSF of a camera by the noise chart.
-
-Of the thesis's photographs one is published (`photograph_rows`). The others are replaced by those of its camera,
-simulated.
-"""
+"""Chapter 2 of the thesis, experiments: the PSF of a camera by the noise chart. Of the thesis's photographs one is
+published (`photograph_rows`). The others are replaced by those of its camera, simulated."""
 
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.clipping import SensorModel
 from procedures.numbers import ENCIRCLED_ENERGY_80, SENSITIVITY_AT_5
@@ -24,8 +20,6 @@ from station.demo.reproduce.figures import Curve, curves, pictures
 from station.demo.reproduce.row import RowValues, Setting
 from station.demo.truth_comparison import align
 
-Array = npt.NDArray[np.float64]
-
 F = cameras.FREQUENCIES
 NYQUIST = int(np.argmin(abs(F - 0.5)))
 CYCLES = "cycles per pixel of the plane"
@@ -36,8 +30,6 @@ def _chart() -> Chart:
     return Chart.from_seed()
 
 
-# --- Figures 2.10, 2.12, 2.13: apertures ---
-
 APERTURES = (3.2, 5.6, 12.9, 16.0, 32.0)
 
 
@@ -47,15 +39,11 @@ def _support(f_number: float) -> int:
 
 
 def _at_aperture(f_number: float, seed: int = 1) -> tuple[PatternPsf, float]:
-    """The estimated PSF at an aperture, and its relative error after the best subpixel shift."""
     shot = cameras.photograph_chart(cameras.green_camera(f_number), _chart(), seed, roll_deg=1.5)
     estimate = cameras.estimated(cameras.plane_of(shot), _chart(), k=_support(f_number))
-    return estimate, _error(estimate, shot.true_psf("Y", cameras.S, _support(f_number)).h)
-
-
-def _error(estimate: PatternPsf, truth: Array) -> float:
+    truth = shot.true_psf("Y", cameras.S, _support(f_number)).h
     aligned, _ = align(truth, estimate.psf.h)
-    return float(np.linalg.norm(estimate.psf.h - aligned) / np.linalg.norm(truth))
+    return estimate, float(np.linalg.norm(estimate.psf.h - aligned) / np.linalg.norm(truth))
 
 
 def apertures(setting: Setting) -> RowValues:
@@ -81,16 +69,12 @@ def diffraction(setting: Setting) -> RowValues:
     quality = estimate.quality
     ideal = limit.otf(quality.frequencies)
     excess = np.maximum(quality.mtf_horizontal, quality.mtf_vertical) - ideal
-    figure = curves(
-        "diffraction",
-        [
-            Curve("diffraction, f/5.6", quality.frequencies, ideal, "--"),
-            Curve("estimate, along rows", quality.frequencies, quality.mtf_horizontal),
-            Curve("estimate, along columns", quality.frequencies, quality.mtf_vertical),
-        ],
-        x=CYCLES,
-        y="MTF",
-    )
+    shown = [
+        Curve("diffraction, f/5.6", quality.frequencies, ideal, "--"),
+        Curve("estimate, along rows", quality.frequencies, quality.mtf_horizontal),
+        Curve("estimate, along columns", quality.frequencies, quality.mtf_vertical),
+    ]
+    figure = curves("diffraction", shown, x=CYCLES, y="MTF")
     under = quality.frequencies > 0.25
     return RowValues((float(excess.max()), float(excess[under & (quality.frequencies < 1)].max())), (figure,))
 
@@ -117,8 +101,6 @@ def accuracy(setting: Setting) -> RowValues:
     figure = curves("accuracy", [Curve("error", [N for N, _ in shots], errors, "o")], x="f-number", y="relative error")
     return RowValues((float(errors.mean()), float(errors.max())), (figure,))
 
-
-# --- Figure 2.14: the response ---
 
 CURVATURE = 0.05
 """Curvature of the simulated sensor: a departure from a straight line by 0.8 % of the chart's contrast."""
@@ -166,8 +148,6 @@ def _by_uniform_light(camera: SimulatedCamera) -> tuple[SensorModel, float]:
     ), slope  # fmt: skip
 
 
-# --- Figures 2.15, 2.16: planes and places ---
-
 DIAGONAL_AT = np.linspace(0.6, 1.2, 13)
 """Frequencies at which photosites without a corner differ along the two diagonals."""
 
@@ -177,7 +157,10 @@ def planes(setting: Setting) -> RowValues:
     shot = cameras.photograph_chart(cameras.mosaic_camera(), _chart(), 3, roll_deg=1.0)
     estimates = {name: cameras.estimated(cameras.plane_of(shot, name), _chart()) for name in ("R", "G1", "G2", "B")}
     radius = {name: estimate.quality.numbers[ENCIRCLED_ENERGY_80].value for name, estimate in estimates.items()}
-    lean = {name: _lean(estimate.psf.h) for name, estimate in estimates.items()}
+    f, lean = DIAGONAL_AT / np.sqrt(2), dict[str, float]()
+    for name, estimate in estimates.items():  # the MTF along one diagonal minus that along the other
+        there, across = (np.abs(cameras.spectrum(estimate.psf.h, cameras.S, f, sign * f)) for sign in (1, -1))
+        lean[name] = float(np.mean(there - across))
     figures = (
         pictures("planes-psf", [(name, estimate.psf.h) for name, estimate in estimates.items()], cmap="viridis"),
         cameras.mtf_curves(
@@ -195,13 +178,6 @@ def planes(setting: Setting) -> RowValues:
     return RowValues(measured, figures)
 
 
-def _lean(h: Array) -> float:
-    """MTF along one diagonal minus that along the other."""
-    f = DIAGONAL_AT / np.sqrt(2)
-    there, across = (np.abs(cameras.spectrum(h, cameras.S, f, sign * f)) for sign in (1, -1))
-    return float(np.mean(there - across))
-
-
 def places(setting: Setting) -> RowValues:
     """PSFs far from the middle of the frame are larger and more asymmetrical."""
     lens = {"coma_um": 0.10, "astigmatism_um": 0.10, "field_curvature_um": 0.06, "spherical_um": 0.02}
@@ -212,21 +188,16 @@ def places(setting: Setting) -> RowValues:
         shot = cameras.photograph_chart(camera, _chart(), i, at=at)  # type: ignore[arg-type]
         psf[name] = cameras.estimated(cameras.plane_of(shot), _chart())
     radius = {name: one.quality.numbers[ENCIRCLED_ENERGY_80].value for name, one in psf.items()}
-    odd = {name: _asymmetry(one.psf.h) for name, one in psf.items()}
+    odd = {  # the difference between the PSF and itself rotated by half a turn
+        name: float(np.linalg.norm(one.psf.h - one.psf.h[::-1, ::-1]) / np.linalg.norm(one.psf.h))
+        for name, one in psf.items()
+    }
     figure = pictures("places", [(name, one.psf.h) for name, one in psf.items()], columns=3, cmap="viridis")
     measured = (
         *(radius[name] / radius["centre"] for name in ("edge", "corner")),
         *(odd[name] / odd["centre"] for name in ("edge", "corner")),
     )
     return RowValues(measured, (figure,))
-
-
-def _asymmetry(h: Array) -> float:
-    """Norm of the difference between the PSF and itself rotated by half a turn, over its norm."""
-    return float(np.linalg.norm(h - h[::-1, ::-1]) / np.linalg.norm(h))
-
-
-# --- Figure 2.17: stability ---
 
 
 SLOPE, SHAKE_PX = 0.1, 0.1

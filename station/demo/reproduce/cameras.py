@@ -28,7 +28,6 @@ Array = npt.NDArray[np.float64]
 
 PITCH_UM = 5.7
 FILTER_PX = 0.8
-"""Side of the low-pass filter's square of spots, in sensor pixels."""
 PHOTOSITE_PX = 0.95
 S = 4
 FREQUENCIES: Array = np.linspace(0, S / 2, 101)

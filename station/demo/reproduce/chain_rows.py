@@ -1,7 +1,5 @@
-"""Chapters 6 and 10 of Sorel's thesis by the thesis's own chain: Algorithm II, then Algorithm I with its solver.
-
-The thesis's map is not published. A texture replaces it, whose blurred photographs have the same errors.
-"""
+"""Chapters 6 and 10 of Sorel's thesis by the thesis's own chain: Algorithm II, then Algorithm I with its solver. The
+thesis's map is not published. A texture replaces it, whose blurred photographs have the same errors."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -43,9 +41,6 @@ def _grows(values: Values) -> bool:
     return all(a < b for a, b in pairwise(values))
 
 
-# --- Figure 6.1 ---
-
-
 @ordered(Order("conjugate gradients are ahead of steepest descent after 200 iterations", lambda v: v[0] > 1))
 def restoration_solvers(setting: Setting) -> RowValues:
     """Error term after n iterations of steepest descent and conjugate gradients: known depth, no noise, no prior."""
@@ -64,18 +59,10 @@ def restoration_solvers(setting: Setting) -> RowValues:
         u = restore_picture(data, u, 0.0, 1)  # the first iteration of conjugate gradients is one of steepest descent
         if n in ITERATIONS:
             steepest.append(error(u))
-    figure = curves(
-        "solvers",
-        [Curve("steepest descent", ITERATIONS, steepest, "o-"), Curve("conjugate gradients", ITERATIONS, conjugate)],
-        x="iterations",
-        y="error term",
-        log="xy",
-    )
+    shown = [Curve("steepest descent", ITERATIONS, steepest, "o-"), Curve("conjugate gradients", ITERATIONS, conjugate)]
+    figure = curves("solvers", shown, x="iterations", y="error term", log="xy")
     start, at_100 = error(begin), steepest[ITERATIONS.index(100)]
     return RowValues((steepest[-1] / conjugate[-1], (at_100 - steepest[-1]) / start, conjugate[-1] / start), (figure,))
-
-
-# --- Figures 10.3 right, 10.4 right and 10.5 ---
 
 
 @ordered(
@@ -116,9 +103,6 @@ def restoration_direct(setting: Setting) -> RowValues:
     return RowValues((*_errors(pairs, by_right), *_errors(pairs, by_wrong)), figures)
 
 
-# --- Figures 10.6, 10.7, 10.9 and 10.10 ---
-
-
 LOWERS = Order(
     "from Algorithm II's depth on, Algorithm I lowers the errors of w and of the picture", lambda v: max(v[-2:]) < 1
 )
@@ -127,7 +111,6 @@ LOWERS = Order(
 def _followed(
     pairs: Sequence[scenes.Pair], depths: Sequence[Array], stacks: list[MaskStack]
 ) -> tuple[list[float], list[float], list[Array]]:
-    """Errors of w and of the picture after Algorithm I, and w."""
     results = [algorithm_1(pair.z, stacks, w, CHAIN) for pair, w in zip(pairs, depths, strict=True)]
     of_w = [pair.w_error(w) for pair, (_, w) in zip(pairs, results, strict=True)]
     return of_w, _errors(pairs, [u for u, _ in results]), [w for _, w in results]

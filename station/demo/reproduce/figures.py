@@ -30,10 +30,8 @@ def curves(
 ) -> Markup:
     """Curves in one plot.
 
-    log : str
-        "x", "y" or "xy": the axes that are logarithmic.
-    published : Curve, optional
-        Drawn faint, below the others.
+    log : "x", "y" or "xy": the axes that are logarithmic
+    published : drawn faint, below the others
     limits
         `xlim`, `ylim`.
     """

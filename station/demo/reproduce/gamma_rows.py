@@ -1,17 +1,13 @@
-"""Chapter 2 of the thesis, theory: noise amplification of patterns, and its lower bound.
-
-gamma is the sum of 1 / sigma_i^2, as in the thesis.
-"""
+"""Chapter 2 of the thesis, theory: noise amplification of patterns, and its lower bound. gamma is the sum of 1 /
+sigma_i^2, as in the thesis."""
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.pattern_psf.gamma import gamma_bound
 from station.demo.reproduce import patterns
 from station.demo.reproduce.figures import Curve, curves, pictures
 from station.demo.reproduce.row import Order, RowValues, Setting, ordered
-
-Array = npt.NDArray[np.float64]
 
 S = 4
 SUPPORTS = (9, 17, 25, 33)
@@ -30,23 +26,14 @@ def table_window(r: int) -> patterns.Window:
     return REGION[0] + (r - 1) // S, REGION[1] + (r - 1) // S
 
 
-def _seeds(setting: Setting) -> range:
-    return range(20 if setting.full else 3)
-
-
 def _bernoulli(r: int, window: patterns.Window, seed: int, samples_per_cell: float = 1.0) -> Array:
     samples = patterns.side(window, S, r)
     return patterns.bernoulli(samples, samples_per_cell, np.random.default_rng(seed))
 
 
 def _mean_gamma(r: int, window: patterns.Window, seeds: range, samples_per_cell: float = 1.0) -> float:
-    """Mean over realisations of the noise pattern."""
     views = (_bernoulli(r, window, seed, samples_per_cell) for seed in seeds)
     return float(np.mean([patterns.gamma_of(view, S, r, window) for view in views]))
-
-
-def _drawn_gamma(draw: patterns.Drawing, r: int, window: patterns.Window) -> float:
-    return patterns.gamma_of(patterns.of_drawing(draw, patterns.side(window, S, r), S), S, r, window)
 
 
 OTHERS: dict[str, patterns.Drawing] = {
@@ -56,7 +43,6 @@ OTHERS: dict[str, patterns.Drawing] = {
     "star": patterns.star(36),
     "single square": patterns.square(20.0),
 }
-"""Patterns made of step edges."""
 
 
 def _table_order(values: tuple[float, ...]) -> bool:
@@ -69,9 +55,6 @@ def _table_order(values: tuple[float, ...]) -> bool:
     )
 
 
-# --- Tables 1.1 and 2.2 ---
-
-
 @ordered(
     Order(
         "bound < noise pattern < a tenth of Joshi's γ, and the ratio of the two patterns grows with the support",
@@ -82,8 +65,11 @@ def gamma_table(setting: Setting) -> RowValues:
     """γ of the noise pattern, of the pattern of Joshi et al., and the theoretical bound, s = 4."""
     windows = [table_window(r) for r in SUPPORTS]
     bounds = [gamma_bound(m * n, r * r) for r, (m, n) in zip(SUPPORTS, windows, strict=True)]
-    noise = [_mean_gamma(r, w, _seeds(setting)) for r, w in zip(SUPPORTS, windows, strict=True)]
-    joshi = [_drawn_gamma(patterns.disc(DISC_PX), r, w) for r, w in zip(SUPPORTS, windows, strict=True)]
+    noise = [_mean_gamma(r, w, range(20 if setting.full else 3)) for r, w in zip(SUPPORTS, windows, strict=True)]
+    joshi = [
+        patterns.gamma_of(patterns.of_drawing(patterns.disc(DISC_PX), patterns.side(window, S, r), S), S, r, window)
+        for r, window in zip(SUPPORTS, windows, strict=True)
+    ]
     figure = curves(
         "gamma-table",
         [
@@ -101,9 +87,6 @@ def gamma_table(setting: Setting) -> RowValues:
     return RowValues((*bounds, *noise, *joshi), (figure,), remark)
 
 
-# --- other patterns ---
-
-
 def gamma_patterns(setting: Setting) -> RowValues:
     """Patterns made of step edges have far larger γ than the noise pattern (17 × 17, s = 4)."""
     r = 17
@@ -117,8 +100,6 @@ def gamma_patterns(setting: Setting) -> RowValues:
     return RowValues(tuple(ratios), (figure,), f"γ of the noise pattern is {best:.3f}.")
 
 
-# --- Figures 2.2 to 2.4: the bounds ---
-
 WINDOW_SIDES = (20, 30, 40, 60, 80, 100, 140, 200)
 
 
@@ -128,13 +109,8 @@ def bound_solved(setting: Setting) -> RowValues:
     M = np.array(WINDOW_SIDES) ** 2
     plain = np.array([gamma_bound(int(m), N) for m in M])
     solved = np.array([patterns.gamma_bound_solved(int(m), N) for m in M])
-    both = curves(
-        "bound-solved",
-        [Curve("Lemma 3", M, plain), Curve("solved (KKT)", M, solved, "--")],
-        x="samples M",
-        y="lower bound of γ",
-        log="xy",
-    )
+    shown = [Curve("Lemma 3", M, plain), Curve("solved (KKT)", M, solved, "--")]
+    both = curves("bound-solved", shown, x="samples M", y="lower bound of γ", log="xy")
     apart = curves(
         "bound-apart", [Curve("difference", M, solved - plain, "o-")], x="samples M", y="difference", log="xy"
     )
@@ -147,20 +123,14 @@ def bound_expected(setting: Setting) -> RowValues:
     M = np.array(WINDOW_SIDES) ** 2
     bound = np.array([gamma_bound(int(m), N) for m in M])
     expected = np.array([patterns.gamma_expected(int(m), N) for m in M])
-    figure = curves(
-        "bound-expected",
-        [Curve("Lemma 3", M, bound), Curve("expected noise pattern", M, expected, "--")],
-        x="samples M",
-        y="γ",
-        log="xy",
-    )
+    shown = [Curve("Lemma 3", M, bound), Curve("expected noise pattern", M, expected, "--")]
+    figure = curves("bound-expected", shown, x="samples M", y="γ", log="xy")
     share = (expected - bound) / (4 / M)
     return RowValues((float(share.min()), float(share.max())), (figure,))
 
 
 def bound_realised(setting: Setting) -> RowValues:
     """Random zeros and ones as samples approach the bound at finite windows and supports, s = 4."""
-    """Random zeros and ones as samples, without cells and their low-pass filter."""
 
     def over_bound(r: int, m: int) -> float:
         samples = patterns.side((m, m), S, r)
@@ -178,8 +148,6 @@ def bound_realised(setting: Setting) -> RowValues:
     return RowValues((by_window[-1], max(by_support), min(by_window + by_support)), figures)
 
 
-# --- Figure 2.5 ---
-
 CELLS_PER_SAMPLE = (0.4, 0.55, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0)
 
 
@@ -190,19 +158,21 @@ def gamma_zoom(setting: Setting) -> RowValues:
     at = dict(zip(CELLS_PER_SAMPLE, values, strict=True))
     least = float(values.min())
     bound = gamma_bound(window[0] * window[1], r * r)
-    whole = _whole_chart(r)
-    fixed = curves(
-        "gamma-zoom",
-        [
-            Curve("60 × 60 pixels", CELLS_PER_SAMPLE, values, "o-"),
-            Curve("bound", CELLS_PER_SAMPLE, np.full(len(values), bound), "--"),
-        ],
-        x="t/s: cells in a sample",
-        y="γ",
-        log="y",
-    )
-    chart = curves("gamma-chart", [Curve("256 × 256 cells", *whole, "o-")], x="s/t: samples in a cell", y="γ", log="y")
-    best = float(whole[0][np.argmin(whole[1])])
+    ratios = np.array([0.7, 0.85, 1.0, 1.15, 1.3, 1.4, 1.5, 1.6, 1.75])
+    gammas = []
+    for ratio in ratios:
+        side = int((256 * ratio - r) / S)
+        samples = patterns.side((side, side), S, r)
+        view = patterns.bernoulli(samples, float(ratio), np.random.default_rng(0), cells=256)
+        gammas.append(patterns.gamma_of(view, S, r, (side, side)))
+    shown = [
+        Curve("60 × 60 pixels", CELLS_PER_SAMPLE, values, "o-"),
+        Curve("bound", CELLS_PER_SAMPLE, np.full(len(values), bound), "--"),
+    ]
+    fixed = curves("gamma-zoom", shown, x="t/s: cells in a sample", y="γ", log="y")
+    shown = [Curve("256 × 256 cells", ratios, np.array(gammas), "o-")]
+    chart = curves("gamma-chart", shown, x="s/t: samples in a cell", y="γ", log="y")
+    best = float(ratios[np.argmin(gammas)])
     remark = (
         "The range 0.7 to 2 holds for t/s, cells per sample, as in the caption's “t/s zoom factor (b)”; its “s/t” is"
         " the inverse. At s/t = 2 the low-pass filter of a cell has its zero at the edge of the band. The second"
@@ -212,36 +182,16 @@ def gamma_zoom(setting: Setting) -> RowValues:
     return RowValues(measured, (fixed, chart), remark)
 
 
-def _whole_chart(r: int) -> tuple[Array, Array]:
-    """s/t, and gamma of the pixels that receive light from the noise region only."""
-    ratios = np.array([0.7, 0.85, 1.0, 1.15, 1.3, 1.4, 1.5, 1.6, 1.75])
-    gammas = []
-    for ratio in ratios:
-        side = int((256 * ratio - r) / S)
-        samples = patterns.side((side, side), S, r)
-        view = patterns.bernoulli(samples, float(ratio), np.random.default_rng(0), cells=256)
-        gammas.append(patterns.gamma_of(view, S, r, (side, side)))
-    return ratios, np.array(gammas)
-
-
 def gamma_support(setting: Setting) -> RowValues:
     """γ of the noise pattern grows with the PSF's support, s/t = 1."""
     supports, window = (5, 9, 13, 17, 21, 25, 29, 33), (60, 60)
     values = [_mean_gamma(r, window, range(2)) for r in supports]
     bounds = [gamma_bound(window[0] * window[1], r * r) for r in supports]
-    figure = curves(
-        "gamma-support",
-        [Curve("noise pattern", supports, values, "o-"), Curve("bound", supports, bounds, "--")],
-        x="side of the PSF's support, samples",
-        y="γ",
-        log="y",
-    )
+    shown = [Curve("noise pattern", supports, values, "o-"), Curve("bound", supports, bounds, "--")]
+    figure = curves("gamma-support", shown, x="side of the PSF's support, samples", y="γ", log="y")
     steps = np.diff(values)
     ratios = np.array(values) / bounds
     return RowValues((float(steps.min()), float(ratios.min()), float(ratios.max())), (figure,))
-
-
-# --- Figure 2.7 ---
 
 
 def eigenvalues(setting: Setting) -> RowValues:

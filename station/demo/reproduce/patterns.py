@@ -9,10 +9,10 @@ section 2.3.1).
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 from scipy import fft, optimize, special
 
-Array = npt.NDArray[np.float64]
+from procedures.numerics.arrays import Array
+
 Window = tuple[int, int]
 Drawing = Callable[[Array, Array], Array]
 """Reflectance, 0 to 1, at points (x, y) in pixels from the middle of the picture."""
@@ -39,7 +39,6 @@ def of_cells(cells: Array, samples_per_cell: float, samples: int) -> Array:
 
 
 def _cell_filter(cells: int, samples_per_cell: float, samples: int) -> Array:
-    """Weight of each cell in each sample, (samples, cells)."""
     at = (np.arange(samples) - (samples - 1) / 2) / samples_per_cell
     edges = np.arange(cells + 1) - cells / 2
     rise = special.sici(np.pi * samples_per_cell * (at[:, None] - edges))[0] / np.pi
@@ -119,10 +118,8 @@ def gamma_of(u: Array, s: int, r: int, window: Window) -> float:
 
 
 def gamma_bound_solved(M: int, N: int) -> float:
-    """The bound with the exact solution of its constrained minimum (Remark 3, Karush-Kuhn-Tucker), a = 0, b = 1.
-
-    With sigma_1 = t sqrt(M N) the constraint is (N - 1) sigma_2^2 = M N t (1 - t); one variable remains.
-    """
+    """The bound with the exact solution of its constrained minimum (Remark 3, Karush-Kuhn-Tucker), a = 0, b = 1. With
+    sigma_1 = t sqrt(M N) the constraint is (N - 1) sigma_2^2 = M N t (1 - t); one variable remains."""
     least = optimize.minimize_scalar(
         lambda t: 1 / t**2 + (N - 1) ** 2 / (t * (1 - t)), bounds=(0.01, 0.99), method="bounded",
         options={"xatol": 1e-12},

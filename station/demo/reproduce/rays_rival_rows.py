@@ -1,7 +1,5 @@
-"""Chapter 4 of the thesis, comparisons: numbers of bins, NL-means with an oracle, and its bias over samples.
-
-Films with other numbers of bins are rendered by the program's own path tracer.
-"""
+"""Chapter 4 of the thesis, comparisons: numbers of bins, NL-means with an oracle, and its bias over samples. Films with
+other numbers of bins are rendered by the program's own path tracer."""
 
 from dataclasses import replace
 from functools import cache
@@ -52,9 +50,6 @@ def rendered_reference(scene: str, threads: int) -> Film:
     return film
 
 
-# --- Table 4.2 ---
-
-
 def histograms(pixels: npt.NDArray[np.int64], colours: Array, bins: int, *, joint: bool) -> Floats:
     """Votes of samples (n, 3), divided between neighbouring nodes as `film.vote` does, (rows, columns, b).
 
@@ -101,20 +96,12 @@ def rays_bins(setting: Setting) -> RowValues:
 
     together = [quality(bins, joint=True) for bins in JOINT]
     separate = [quality(bins, joint=False) for bins in SEPARATE]
-    figure = curves(
-        "bins",
-        [
-            Curve("three", [3 * n for n in SEPARATE], separate, "o-"),
-            Curve("joint", [n**3 for n in JOINT], together, "s-"),
-        ],
-        x="bins",
-        y="PSNR, dB",
-        log="x",
-    )
+    shown = [
+        Curve("three", [3 * n for n in SEPARATE], separate, "o-"),
+        Curve("joint", [n**3 for n in JOINT], together, "s-"),
+    ]
+    figure = curves("bins", shown, x="bins", y="PSNR, dB", log="x")
     return RowValues((*together, *separate, separate[-1] - separate[0], separate[3] - together[-1]), (figure,))
-
-
-# --- Table 4.3 ---
 
 
 def patch_distances(film: Film, patch: int, *, by_means: bool) -> tuple[npt.NDArray[np.int64], Floats]:
@@ -190,9 +177,6 @@ def rays_oracle(setting: Setting) -> RowValues:
     names = [f"{name}, {side}" for name in ("NL-means", "histograms") for side in SIDES]
     figure = pictures("oracle", [(name, shown(one)) for name, one in zip(names, estimates, strict=True)], columns=3)
     return RowValues(tuple(psnr(estimate, truth) for estimate in estimates), (figure,))
-
-
-# --- Figure 4.21 ---
 
 
 def nl_means(film: Film) -> Array:

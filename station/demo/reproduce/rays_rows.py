@@ -58,7 +58,6 @@ def psnr(picture: npt.NDArray[np.floating], reference: Film) -> float:
 
 
 def _filtered(setting: Setting, samples: int, kappa: float, scales: int) -> Array:
-    """The film filtered by the paper's algorithms."""
     film, _ = film_and_reference(setting, samples)
     picture = filter_film(film, replace(PAPER, kappa=kappa, scales=scales), threads=setting.threads).picture
     return np.asarray(picture, dtype=np.float64)
@@ -73,8 +72,6 @@ def shown(picture: npt.NDArray[np.floating]) -> Array:
     """The picture as displayed."""
     return np.asarray(np.clip(picture, 0, 1) ** (1 / GAMMA), dtype=np.float64)
 
-
-# --- the rendered picture, and the published program ---
 
 CASES = (
     (256, 1.0, 1), (256, 1.0, 2), (256, 1.0, 3), (256, 0.8, 2), (256, 0.8, 3),
@@ -102,8 +99,6 @@ def rays_cornell(setting: Setting) -> RowValues:
     return RowValues((psnr(film.mean, truth), *ours), (figure,))
 
 
-# --- Figure 4.20 ---------------------------------------------------------------------------------------------------
-
 KAPPAS = (0.3, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 2.0, 3.0)
 
 
@@ -114,23 +109,17 @@ def rays_kappa(setting: Setting) -> RowValues:
     estimates = [np.clip(_filtered(setting, 256, kappa, 3), 0, 1) for kappa in KAPPAS]
     error = np.array([10 ** (-psnr(estimate, truth) / 10) for estimate in estimates])
     best = int(np.argmin(error))
+    rows, columns = truth.mean.shape[:2]
+    detail = np.s_[rows // 2 : rows * 3 // 4, columns // 8 : columns * 3 // 8]
     figures = (
         curves("kappa", [Curve("3 scales, 256 samples", KAPPAS, error, "o-")], x="κ", y="MSE", log="y"),
         pictures(
             "kappa-details",
-            [(f"κ = {KAPPAS[i]:g}", _detail(shown(estimates[i]))) for i in (0, best, len(KAPPAS) - 1)],
+            [(f"κ = {KAPPAS[i]:g}", shown(estimates[i])[detail]) for i in (0, best, len(KAPPAS) - 1)],
             columns=3,
         ),
     )
     return RowValues((KAPPAS[best], float(error[0] / error[best]), float(error[-1] / error[best])), figures)
-
-
-def _detail(picture: Array) -> Array:
-    rows, columns = picture.shape[:2]
-    return picture[rows // 2 : rows * 3 // 4, columns // 8 : columns * 3 // 8]
-
-
-# --- Figure 4.2 ----------------------------------------------------------------------------------------------------
 
 
 @ordered(Order("three scales leave less noise of low frequency than one", lambda v: v[0] < 1 and v[1] > 0))
@@ -138,7 +127,10 @@ def rays_scales(setting: Setting) -> RowValues:
     """Filtering at one scale leaves noise of low frequency that three scales remove (256 samples)."""
     _, truth = film_and_reference(setting, 256)
     estimates = {scales: _filtered(setting, 256, 1.0, scales) for scales in (1, 3)}
-    wide = {scales: _wide_noise(estimate, truth.mean) for scales, estimate in estimates.items()}
+    wide = {}
+    for scales, estimate in estimates.items():
+        error = np.clip(estimate, 0, 1) - np.clip(truth.mean, 0, 1)
+        wide[scales] = float(np.sqrt(np.mean(gaussian_filter(error, (WIDE_PX, WIDE_PX, 0)) ** 2)))
     middle, across = len(truth.mean) // 2, np.arange(truth.mean.shape[1])
     line = {f"scales: {scales}": estimate[middle].mean(axis=-1) for scales, estimate in estimates.items()}
     figures = (
@@ -155,14 +147,6 @@ def rays_scales(setting: Setting) -> RowValues:
     return RowValues((wide[3] / wide[1], gain), figures)
 
 
-def _wide_noise(picture: Array, truth: Array) -> float:
-    """Root mean square error at low frequencies."""
-    error = np.clip(picture, 0, 1) - np.clip(truth, 0, 1)
-    return float(np.sqrt(np.mean(gaussian_filter(error, (WIDE_PX, WIDE_PX, 0)) ** 2)))
-
-
-# --- Figure 4.21 ---------------------------------------------------------------------------------------------------
-
 OCTAVES = 2.0
 
 
@@ -172,16 +156,11 @@ def rays_samples(setting: Setting) -> RowValues:
     films = {n: film_and_reference(setting, n) for n in FILMS}
     rendered = {n: psnr(film.mean, truth) for n, (film, truth) in films.items()}
     filtered = {n: decibels(setting, n, 1.0, 3) for n in FILMS}
-    figure = curves(
-        "samples",
-        [
-            Curve("path tracing", list(rendered), list(rendered.values()), "o-"),
-            Curve("filtered", list(filtered), list(filtered.values()), "s-"),
-        ],
-        x="samples per pixel",
-        y="PSNR, dB",
-        log="x",
-    )
+    shown = [
+        Curve("path tracing", list(rendered), list(rendered.values()), "o-"),
+        Curve("filtered", list(filtered), list(filtered.values()), "s-"),
+    ]
+    figure = curves("samples", shown, x="samples per pixel", y="PSNR, dB", log="x")
     slopes = [(one[256] - one[64]) / OCTAVES for one in (rendered, filtered)]
     gain = filtered[256] - rendered[256]
     remark = f"{gain:.1f} dB are the quality of {10 ** (gain / 10):.0f} times as many samples."

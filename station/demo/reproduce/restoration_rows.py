@@ -7,8 +7,8 @@ grey levels of 256 and pixels of w; the thesis calls them MSE.
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.pattern import Chart
 from procedures.restoration.joint.data_term import restore_picture
 from procedures.restoration.joint.estimate import RestorationParameters, first_depth, noise_of, restore
@@ -21,8 +21,6 @@ from station.demo.reproduce import cameras, scenes
 from station.demo.reproduce.algorithm_1 import data_term
 from station.demo.reproduce.figures import Curve, curves, pictures
 from station.demo.reproduce.row import Order, RowValues, Setting, increases, ordered
-
-Array = npt.NDArray[np.float64]
 
 NOISES: tuple[float | None, ...] = (None, 40.0, 20.0, 10.0)
 NOISE_WORDS = ("no noise", "40 dB", "20 dB", "10 dB")
@@ -45,8 +43,6 @@ def restored_at(
     picture = restore_picture(data, data.mean(), weight, steps)
     return np.asarray(picture[0, R:-R, R:-R], dtype=np.float64)
 
-
-# --- Section 4.3 ---
 
 BLUR_CIRCLES_PX = (1.5, 2.0, 3.0, 4.0)
 CHART_PX = 150.0
@@ -78,9 +74,6 @@ def restoration_sigma(setting: Setting) -> RowValues:
     return RowValues((lens.departure, lens.k.value), figures, f"k = {lens.k.value:.3f} ± {lens.k.uncertainty:.3f}.")
 
 
-# --- Figure 10.3 ---
-
-
 @ordered(increases("the error grows with the noise", (0, 4)))
 def restoration_known(setting: Setting) -> RowValues:
     """Restoration at the known depth, four levels of noise, 100 steps of conjugate gradients, Tikhonov."""
@@ -110,9 +103,6 @@ def restoration_known(setting: Setting) -> RowValues:
     )
     measured = (*grid[:, at], gaussian / blurred, longer / grid[0, at], grid[0, at - 1] / grid[0, at])
     return RowValues((*map(float, measured), float(grid[3, at - 1] / grid[3, at])), figures)
-
-
-# --- Figures 10.4, 10.6, 10.7, 10.9, 10.10 ---
 
 
 UNKNOWN_ORDER = increases("the errors of picture and w grow with the noise from 40 dB on", (1, 4), (5, 8))
@@ -193,4 +183,3 @@ def _mean(lines: list[list[float]]) -> tuple[float, ...]:
 
 
 TEXTURES = 4
-"""Number of pictures over which errors are averaged."""

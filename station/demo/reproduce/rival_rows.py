@@ -3,17 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from markupsafe import Markup
 
+from procedures.numerics.arrays import Array
 from procedures.numerics.normal_equations import solve_constrained
 from procedures.raw import Plane
 from procedures.slanted_edge.estimate import EdgeMtf, estimate_edges
 from station.demo.reproduce import cameras, patterns
 from station.demo.reproduce.figures import Curve, curves, pictures
 from station.demo.reproduce.row import Order, RowValues, Setting, ordered
-
-Array = npt.NDArray[np.float64]
 
 S, K = 4, 17
 NOISE = 0.02
@@ -31,28 +29,12 @@ TILE_PX = 55.0
 F = cameras.FREQUENCIES
 
 
-def _discs(x: Array, y: Array) -> Array:
-    """Circles of arcs, two by two in the window."""
-    px, py = x % TILE_PX - TILE_PX / 2, y % TILE_PX - TILE_PX / 2
-    return np.where(np.hypot(px, py) < 20.0, 0.0, 1.0)
-
-
-def gaussian_kernel() -> Array:
-    """The kernel of the simulation, of sum 1."""
-    x = (np.arange(K) - K // 2) / S
-    line = np.exp(-(x**2) / (2 * GAUSSIAN_PX**2))
-    return np.asarray(np.outer(line, line) / line.sum() ** 2)
-
-
 def joshi(A: Array, v: Array, k: int, weight: float) -> Array:
     """The non-negative kernel (k, k) that minimises ||A h - v||^2 + weight ||grad h||^2.
 
-    A : (m, k^2)
-        The known pattern as a convolution, sampled at the pixels.
-    v : (m,)
-        The photograph.
-    weight : float
-        In units of the mean diagonal element of A'A; without it the equations of step edges are singular.
+    A : (m, k^2), the known pattern as a convolution, sampled at the pixels
+    v : (m,), the photograph
+    weight : in units of the mean diagonal element of A'A; without it the equations of step edges are singular
 
     Source: Joshi, Szeliski, Kriegman, PSF Estimation using Sharp Edge Prediction, CVPR 2008, equation 6.
     """
@@ -108,10 +90,17 @@ def edge_mtf(picture: Array) -> EdgeMtf:
 )
 def simulated_rivals(setting: Setting) -> RowValues:
     """The noise pattern without regularisation outperforms Joshi et al. at three levels, kernel known, noise 0.02."""
-    truth = gaussian_kernel()
+    x = (np.arange(K) - K // 2) / S
+    line = np.exp(-(x**2) / (2 * GAUSSIAN_PX**2))
+    truth = np.asarray(np.outer(line, line) / line.sum() ** 2)
     rng = np.random.default_rng(9)
     noise = view(patterns.bernoulli(patterns.side(NOISE_REGION, S, K), SAMPLES_PER_CELL, rng, cells=256), NOISE_REGION)
-    arcs = view(patterns.of_drawing(_discs, patterns.side(WHOLE, S, K), S), WHOLE)
+
+    def discs(x: Array, y: Array) -> Array:
+        px, py = x % TILE_PX - TILE_PX / 2, y % TILE_PX - TILE_PX / 2
+        return np.where(np.hypot(px, py) < 20.0, 0.0, 1.0)
+
+    arcs = view(patterns.of_drawing(discs, patterns.side(WHOLE, S, K), S), WHOLE)
     kernels: dict[str, list[Array]] = {name: [] for name in ("noise pattern", *LEVELS)}
     sweep = []
     for _ in range(30 if setting.full else 8):

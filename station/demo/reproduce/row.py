@@ -1,7 +1,7 @@
 """A row: something published, the values computed for it, and what the paper claims of them as ranges of values."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from itertools import pairwise
@@ -37,10 +37,8 @@ class Setting:
 class ClaimCheck:
     """One quantity and the paper's claim about it.
 
-    published : str
-        A number as printed, or the paper's words.
-    low, high : float
-        The claim as a range of values: a printed number with its rounding, or how the words are read.
+    published : a number as printed, or the paper's words
+    low, high : the claim as a range of values: a printed number with its rounding, or how the words are read
     """
 
     quantity: str
@@ -48,22 +46,6 @@ class ClaimCheck:
     low: float = -math.inf
     high: float = math.inf
     unit: str = ""
-
-    @classmethod
-    def printed(cls, quantity: str, published: str, unit: str = "") -> "ClaimCheck":
-        """A printed number: the values that round to its last digit."""
-        value, half = float(published), half_digit(published)
-        return cls(quantity, published, value - half, value + half, unit)
-
-    @classmethod
-    def at_most(cls, quantity: str, published: str, unit: str = "") -> "ClaimCheck":
-        """A printed number of which smaller values are as good: an error."""
-        return cls(quantity, published, -math.inf, float(published) + half_digit(published), unit)
-
-    @classmethod
-    def at_least(cls, quantity: str, published: str, unit: str = "") -> "ClaimCheck":
-        """A printed number of which larger values are as good: a gain."""
-        return cls(quantity, published, float(published) - half_digit(published), math.inf, unit)
 
     def agrees(self, value: float) -> bool:
         """Whether the value is within the claim; a value that is not finite is not."""
@@ -134,19 +116,13 @@ Compute = Callable[[Setting], RowValues]
 class Row:
     """One table, figure or statement of a paper that can be computed here.
 
-    name, chapter : str
-        Either selects the row on the command line.
-    place, title : str
-        Where and what was published.
+    name, chapter : either selects the row on the command line
+    place, title : where and what was published
     checks : tuple of Check
-    setup : str
-        Difference between the paper's set-up and this one, the reason for values that deviate.
-    order : Order, optional
-        What must hold for a row whose values deviate to have the same direction.
-    needs : tuple of str
-        Files of the data folder.
-    long : bool
-        Computed with --full, or by its name.
+    setup : difference between the paper's set-up and this one, the reason for values that deviate
+    order : what must hold for a row whose values deviate to have the same direction
+    needs : files of the data folder
+    long : computed with --full, or by its name
     """
 
     name: str
@@ -176,24 +152,25 @@ def read_row(name: str, table: Mapping[str, Any]) -> Row:
     given = dict(table)
     compute = getattr(import_module(f"{__package__}.{given.pop('module')}"), name.replace("-", "_"))
     each, needs = given.pop("each", ()), tuple(given.pop("needs", ()))
-    checks = tuple(read_check(one) for entry in given.pop("checks") for one in _one_by_one(entry, each))
+    entries: list[Mapping[str, Any]] = []
+    for entry in given.pop("checks"):
+        published, quantity = entry["published"], entry["quantity"]
+        if isinstance(published, str):
+            entries.append(entry)
+            continue
+        for case, number in zip(each, published, strict=True):
+            entries.append({**entry, "quantity": f"{quantity}, {case}", "published": number})
+    checks = tuple(map(read_check, entries))
     title, order = compute.__doc__.removesuffix("."), getattr(compute, "order", None)
     return Row(name, title=title, checks=checks, needs=needs, compute=compute, order=order, **given)
-
-
-def _one_by_one(entry: Mapping[str, Any], each: Sequence[str]) -> list[Mapping[str, Any]]:
-    """An entry with a list of published numbers as one entry for each case of the row: "error of w, 40 dB"."""
-    if isinstance(entry["published"], str):
-        return [entry]
-    cases = zip(each, entry["published"], strict=True)
-    return [{**entry, "quantity": f"{entry['quantity']}, {case}", "published": number} for case, number in cases]
 
 
 def read_check(entry: Mapping[str, Any]) -> ClaimCheck:
     """The check of an entry: a range of values, or a printed number read with its rounding."""
     given = dict(entry)
-    read = given.pop("read", "")
-    if not read:
-        return ClaimCheck(**given)
-    printed = {"printed": ClaimCheck.printed, "at most": ClaimCheck.at_most, "at least": ClaimCheck.at_least}
-    return printed[read](**given)
+    if read := given.pop("read", ""):
+        value, half = float(given["published"]), half_digit(given["published"])
+        low, high = {"low": value - half}, {"high": value + half}
+        # of an error smaller values are as good, of a gain larger ones
+        given |= {"printed": low | high, "at most": high, "at least": low}[read]
+    return ClaimCheck(**given)

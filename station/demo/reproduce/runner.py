@@ -98,7 +98,9 @@ def reproduce(
         results = []
         for row in selected:
             results.append(compute(row, setting, by_name=row.name == name))
-            progress(_sentence(results[-1]))
+            one = results[-1]
+            reason = f": {one.reason}" if one.reason else ""
+            progress(f"{one.row.name}: {one.state}{reason} ({one.seconds:.1f} s, {one.processor_s:.1f} s of processor)")
         result = Reproduction(tuple(results), setting.full, time.perf_counter() - start)
         folder.write(PAGE, _page(result).encode())
         return result, write_record(folder, _record(result, setting))
@@ -108,16 +110,12 @@ def _page(result: Reproduction) -> str:
     from station.demo.reproduce.catalogue import NOT_HERE  # here: rows and templates are slow to load
     from station.reports.page import render
 
-    return render(
-        "reproduce.html", result=result, State=RowState, shown=shown, not_here=NOT_HERE, software=software(),
-    )  # fmt: skip
+    return render("reproduce.html", result=result, State=RowState, shown=shown, not_here=NOT_HERE, software=software())
 
 
 def compute(row: Row, setting: Setting, *, by_name: bool = False) -> RowResult:
-    """A row's values compared with the published ones, or the reason why there are none.
-
-    An unexpected error is the row's reason; with STATION_TRACEBACK it is raised.
-    """
+    """A row's values compared with the published ones, or the reason why there are none. An unexpected error is the
+    row's reason; with STATION_TRACEBACK it is raised."""
     if missing := _missing(row, setting, by_name=by_name):
         return RowResult(row, RowState.NOT_COMPUTED, reason=missing)
     start, worked = time.perf_counter(), time.process_time()
@@ -144,7 +142,6 @@ def _compared(row: Row, setting: Setting) -> RowResult:
 
 
 def _missing(row: Row, setting: Setting, *, by_name: bool) -> str:
-    """The reason not to compute a row; empty if there is none."""
     if row.long and not (setting.full or by_name):
         return "it takes long; compute it with --full, or by its name"
     try:
@@ -153,11 +150,6 @@ def _missing(row: Row, setting: Setting, *, by_name: bool) -> str:
     except BadParameter as error:
         return f"{error.reason}: {error.remedy}"
     return ""
-
-
-def _sentence(one: RowResult) -> str:
-    reason = f": {one.reason}" if one.reason else ""
-    return f"{one.row.name}: {one.state}{reason} ({one.seconds:.1f} s, {one.processor_s:.1f} s of processor)"
 
 
 def _record(result: Reproduction, setting: Setting) -> dict[str, Any]:
@@ -176,10 +168,7 @@ def _record(result: Reproduction, setting: Setting) -> dict[str, Any]:
 def _entry(result: RowResult) -> dict[str, Any]:
     row = result.row
     return {
-        "name": row.name,
-        "chapter": row.chapter,
-        "place": row.place,
-        "title": row.title,
+        **{name: getattr(row, name) for name in ("name", "chapter", "place", "title")},
         "state": str(result.state),
         "reason": result.reason,
         "remark": result.computed.remark,
@@ -187,9 +176,7 @@ def _entry(result: RowResult) -> dict[str, Any]:
         "setup": row.setup,
         "checks": [
             {
-                "quantity": check.quantity,
-                "unit": check.unit,
-                "published": check.published,
+                **{name: getattr(check, name) for name in ("quantity", "unit", "published")},
                 "ours": value,
                 "low": check.low,
                 "high": check.high,

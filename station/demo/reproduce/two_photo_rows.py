@@ -4,8 +4,8 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 
+from procedures.numerics.arrays import Array
 from procedures.pattern import Chart
 from procedures.raw import Plane, read_frame
 from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf, estimate_psf_of_pair
@@ -16,8 +16,6 @@ from station.demo.reproduce.figures import Curve, curves, pictures
 from station.demo.reproduce.rival_rows import LEVELS, edge_mtf, view
 from station.demo.reproduce.row import Order, RowValues, Setting, ordered
 from station.demo.truth_comparison import align
-
-Array = npt.NDArray[np.float64]
 
 F = cameras.FREQUENCIES
 RATIO = 4.3
@@ -44,9 +42,6 @@ def wall_pair() -> tuple[Plane, Plane]:
 def _published(setting: Setting) -> tuple[Plane, Plane]:
     near, far = (read_frame(setting.path(name)).planes["Y"] for name in PAIR)
     return near, far
-
-
-# --- Figures 3.3 and 3.4 ---
 
 
 def _gaussian_camera(side: int) -> SimulatedCamera:
@@ -77,21 +72,18 @@ def two_photo_simulated(setting: Setting) -> RowValues:
     return RowValues((error, apart), figures)
 
 
-# --- Figure 3.8 ---
-
-
-def _up_to_band(s: int, mtf: Array) -> Curve:
-    inside = s / 2 >= F
-    return Curve(f"{s}×", F[inside], mtf[inside])
-
-
 def _zoom_of(pair: tuple[Plane, Plane], name: str) -> RowValues:
     estimates = {s: estimated(pair, s) for s in SUPPORT}
     mtf = {s: cameras.mtf_down(estimate.psf.h, s) for s, estimate in estimates.items()}
     apart = [float(np.abs(mtf[s] - mtf[4])[end >= F].max()) for s, end in COMMON.items()]
     figures = (
         pictures(f"{name}-psf", [(f"{s}×", one.psf.h) for s, one in estimates.items()], columns=4, cmap="viridis"),
-        curves(f"{name}-mtf", [_up_to_band(s, one) for s, one in mtf.items()], x=CYCLES, y="MTF, vertical"),
+        curves(
+            f"{name}-mtf",
+            [Curve(f"{s}×", F[s / 2 >= F], one[s / 2 >= F]) for s, one in mtf.items()],
+            x=CYCLES,
+            y="MTF, vertical",
+        ),
     )
     return RowValues(tuple(apart), figures)
 
@@ -106,12 +98,8 @@ def two_photo_zoom_published(setting: Setting) -> RowValues:
     return _zoom_of(_published(setting), "zoom-published")
 
 
-# --- Figures 1.6, 3.5 and 3.10 ---
-
-
 @cache
 def _by_chart() -> Array:
-    """The camera's PSF from the noise chart."""
     chart = Chart.from_seed()
     shot = cameras.photograph_chart(cameras.green_camera(5.6), chart, 1, roll_deg=1.5)
     return cameras.estimated(cameras.plane_of(shot), chart).psf.h
@@ -167,9 +155,6 @@ def comparison(setting: Setting) -> RowValues:
     others = min(value for name, value in rms.items() if name not in ("noise chart", "two photographs"))
     figure = cameras.mtf_curves("comparison", "horizontal", mtf, cameras.mtf_across(truth))
     return RowValues((max(apart.values()), spread, rms["two photographs"] / others), (figure,))
-
-
-# --- IPOL 2013 ---
 
 
 def published_pair(setting: Setting) -> RowValues:

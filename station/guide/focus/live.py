@@ -39,10 +39,8 @@ LEFT_BY_EYE: Mapping[str, Fact] = {
 
 @dataclass(frozen=True, eq=False)
 class LiveFrame:
-    """A new photograph: its plane, or why it cannot be read, and the focus setting where it is known.
-
-    `arrived_s` is the time at which its file was detected, by the source's clock.
-    """
+    """A new photograph: its plane, or why it cannot be read, and the focus setting where it is known. `arrived_s` is
+    the time at which its file was detected, by the source's clock."""
 
     path: Path
     plane: Outcome[Plane]
@@ -102,7 +100,12 @@ class LiveFocus:
 
     def measure(self, frame: LiveFrame) -> FocusReading:
         """Measure a photograph, or give the reason why it cannot be measured."""
-        sharpness = self._measure(frame.plane)
+        plane, near = frame.plane, None if self._last is None else self._last.sighting
+        sharpness = (
+            plane.of_value(None)
+            if plane.value is None
+            else measure_sharpness(plane.value, self.chart, self.parameters, near)
+        )
         self._last = sharpness.value or self._last
         number = float(len(self._scores) + 1) if self.equal_steps else math.nan
         mtf50 = None if sharpness.value is None else sharpness.value.mtf50
@@ -121,15 +124,6 @@ class LiveFocus:
             turn.way,
             tuple(self._places),
         )
-
-    def _measure(self, plane: Outcome[Plane]) -> Outcome[Sharpness]:
-        if plane.value is None:
-            return plane.of_value(None)
-        near = None if self._last is None else self._last.sighting
-        return measure_sharpness(plane.value, self.chart, self.parameters, near)
-
-
-# --- sources of photographs ------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -175,10 +169,8 @@ class PhotographSource:
             yield self._exposed(bench, stops)
 
     def simulated(self, bench: Bench, places: Iterable[float] = SWEEP) -> Iterator[LiveFrame]:
-        """The operator model hangs the chart, focuses by eye, and turns the ring to each setting in turn.
-
-        The stages home first and move to the middle of their travel. Raises DeviceError.
-        """
+        """The operator model hangs the chart, focuses by eye, and turns the ring to each setting in turn. The stages
+        home first and move to the middle of their travel. Raises DeviceError."""
         hands, stops = bench.surroundings.hands, bench.stops
         if hands is None:
             raise BadParameter("turning the ring needs a simulated bench", "use --simulate")

@@ -26,7 +26,7 @@ from station.calibration.sensor_files import sensor_measurement
 from station.calibration.vignetting import Flats, flats_of, vignetting_measurement
 from station.guide.plans import field, geometry, sensor
 from station.procedure.schema import procedure_named
-from station.results.measurement import write_measurement
+from station.results.measurement import Measurement, write_measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import PartBeside, RecordHead
 from station.results.result_files import ResultFolder
@@ -62,18 +62,17 @@ def subset(frames: Sequence[RawFrame], wanted: Callable[[str], bool]) -> FrameSu
     return FrameSubset(frames, [i for i, frame in enumerate(frames) if wanted(mark_of(frame.sha256))])
 
 
-# --- estimate ---
-
-
 def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:
-    """The whole camera for every plane, with the verdict on the plane's PSF; a refusal where no place gives one.
-
-    The sensor comes first: the PSFs of all places use its noise and response.
-    """
+    """The whole camera for every plane, with the verdict on the plane's PSF; a refusal where no place gives one. The
+    sensor comes first: the PSFs of all places use its noise and response."""
     known_facts = facts_as(WholeCameraFacts, facts)
     others = {*known_facts.lit, *known_facts.flats, *known_facts.turned}
     places = subset(frames, lambda mark: mark not in others)
-    flats = upright_or_turned(known_facts, facts)
+    flats = {  # taken with the panel upright, or turned as confirmed
+        mark
+        for mark, quarters in known_facts.flats.items()
+        if not quarters or facts.get(f"{PANEL_TURNED}{quarters:.0f}")
+    }
     sensor_frames, flat_frames, turned = (
         subset(frames, marks.__contains__) for marks in (known_facts.lit, flats, known_facts.turned)
     )
@@ -124,15 +123,6 @@ def sensor_used(outcomes: Mapping[str, Outcome[SensorFiles]], iso: float | None)
     return answer, models, "; ".join(uses)
 
 
-def upright_or_turned(known_facts: WholeCameraFacts, facts: Facts) -> set[str]:
-    """The marks of the flats taken with the panel upright, or turned as confirmed."""
-    return {
-        mark
-        for mark, quarters in known_facts.flats.items()
-        if not quarters or facts.get(f"{PANEL_TURNED}{quarters:.0f}")
-    }
-
-
 def vignetting_of(frames: Sequence[RawFrame], whole: FieldResult) -> Outcome[Flats]:
     """The vignetting with the worst of its planes' verdicts; doubtful where the aperture differs from the charts'."""
     try:
@@ -160,9 +150,6 @@ def joint_parts(parts: Mapping[str, Outcome[Any]]) -> list[CameraPart]:
 
 def _values(outcomes: Mapping[str, Outcome[Any]]) -> dict[str, Any]:
     return {name: outcome.value for name, outcome in outcomes.items() if outcome.value is not None}
-
-
-# --- results and files ---
 
 
 def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
@@ -200,49 +187,31 @@ SHOT_FACTS = (LIT, FLAT, TURNED, VIEW)
 def _written(
     folder: ResultFolder, whole: field.SessionField, frames: Sequence[RawFrame], head: RecordHead
 ) -> Iterator[tuple[str, PartBeside]]:
-    """Write each part's result into its folder, and give its entry of the page."""
-    writers = {SENSOR: _write_sensor, VIGNETTING: _write_vignetting, GEOMETRY: _write_geometry}
     for name, part in whole.parts.items():
         page = ""
         if part.value is not None:
+            page = "numbers.csv" if name == VIGNETTING else "report.html"
             with ResultFolder(folder.staging / name, sealed=folder.sealed) as inside:
-                page = f"{name}/{writers[name](inside, part, whole.reference, frames, replace(head, procedure=name))}"
+                measured = _measured(part, whole.reference, frames, replace(head, procedure=name))
+                if name != VIGNETTING:
+                    inside.write(page, procedure_named(name).page(measured))
+                write_measurement(inside, measured)
+            page = f"{name}/{page}"
         yield name, PartBeside(part.verdict, part.reason, part.remedy, page, whole.used.get(name, ""))
 
 
-def _write_sensor(
-    folder: ResultFolder, one: Outcome[Any], plane: str, frames: Sequence[RawFrame], head: RecordHead
-) -> str:
-    files: SensorFiles = one.result()
-    measured = sensor_measurement(files, _of_inputs(head, {file.sha256 for file in files.files}))
-    folder.write("report.html", procedure_named("sensor").page(measured))
-    write_measurement(folder, measured)
-    return "report.html"
-
-
-def _write_vignetting(
-    folder: ResultFolder, outcome: Outcome[Any], plane: str, frames: Sequence[RawFrame], head: RecordHead
-) -> str:
-    flats: Flats = outcome.result()
-    inputs = _of_inputs(head, {sha256 for _, sha256 in flats.inputs}).input
-    flats = replace(flats, inputs=tuple((Path(file.path), file.sha256) for file in inputs))
-    write_measurement(folder, vignetting_measurement(flats))
-    return "numbers.csv"
-
-
-def _write_geometry(
-    folder: ResultFolder, outcome: Outcome[Any], plane: str, frames: Sequence[RawFrame], head: RecordHead
-) -> str:
-    camera: Geometry = outcome.result()
-    sources = {view.view.source for view in camera.views}
+def _measured(outcome: Outcome[Any], plane: str, frames: Sequence[RawFrame], head: RecordHead) -> Measurement:
+    value: SensorFiles | Flats | Geometry = outcome.result()
+    if isinstance(value, SensorFiles):
+        return sensor_measurement(value, _of_inputs(head, {file.sha256 for file in value.files}))
+    if isinstance(value, Flats):
+        inputs = _of_inputs(head, {sha256 for _, sha256 in value.inputs}).input
+        return vignetting_measurement(replace(value, inputs=tuple((Path(file.path), file.sha256) for file in inputs)))
+    sources = {view.view.source for view in value.views}
     views = FrameSubset(frames, [i for i, frame in enumerate(frames) if frame.path.name in sources])
-    result = PlaneResult.of_outcome(plane, outcome, estimate=camera, numbers=camera.numbers())
-    measured = geometry.measurement([result], views, _of_inputs(head, {frame.sha256 for frame in views}))
-    folder.write("report.html", procedure_named("geometry").page(measured))
-    write_measurement(folder, measured)
-    return "report.html"
+    result = PlaneResult.of_outcome(plane, outcome, estimate=value, numbers=value.numbers())
+    return geometry.measurement([result], views, _of_inputs(head, {frame.sha256 for frame in views}))
 
 
 def _of_inputs(head: RecordHead, hashes: set[str]) -> RecordHead:
-    """The head with these photographs only."""
     return replace(head, input=tuple(one for one in head.input if one.sha256 in hashes))

@@ -90,9 +90,7 @@ def by_plane(whole: SessionField) -> Outcomes:
 
 def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:
     """Every plane's result at the frame's centre, compared with the specification at every place that it names.
-
-    `estimate` of each is the whole field.
-    """
+    `estimate` of each is the whole field."""
     whole = next((outcome.value for outcome in outcomes.values() if outcome.value is not None), None)
     if whole is None:
         return [PlaneResult.of_outcome(name, outcome) for name, outcome in outcomes.items()]

@@ -1,13 +1,13 @@
 """The guided plan of any procedure that measures photographs: settings as questions, photographs, measurement."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from procedures.drawings import steps as drawings
-from procedures.outcome import BadInput, BadParameter, ProcedureError, Refused, Verdict
+from procedures.outcome import BadInput, BadParameter, Refused, Verdict
 from procedures.plan import (
     Advice,
     Ask,
@@ -41,17 +41,14 @@ COUNTS = {Inputs.PHOTOGRAPH: 1, Inputs.PAIR: 2, Inputs.PHOTOGRAPHS: None}
 SETTING = "setting_"
 """Prefix of the facts that are settings: a setting `f_number` is not the fact `f_number` of a photograph."""
 COUNT = "photographs"
-"""Key of the question for the number of photographs."""
 NO, YES = "no", "yes"
 NOT_ASKED = ("raw",)
 """Settings that the camera of a bench determines."""
 
 
 def plan(name: str, folder: Path | None = None) -> Plan:
-    """The plan of a procedure, for the session in a folder if given.
-
-    Raises BadParameter if there is no such procedure, or its inputs are not one or several photographs.
-    """
+    """The plan of a procedure, for the session in a folder if given. Raises BadParameter if there is no such procedure,
+    or its inputs are not one or several photographs."""
     procedure = procedure_named(name)
     if procedure.inputs not in COUNTS:
         raise BadParameter(
@@ -99,15 +96,11 @@ def _stops(procedure: Procedure[Any], count: int | None, facts: Facts) -> list[T
     return [stop(number) for number in range(1, total + 1)]
 
 
-# --- settings ---
-
-
 def _asked(procedure: Procedure[Any]) -> list[ModelField]:
     return [one for one in fields_of(procedure.Settings) if one.name not in NOT_ASKED]
 
 
 def _question(field: ModelField) -> Ask:
-    """A setting as a question with its default; an empty answer leaves an optional setting out."""
     words, unit = unit_of(field.name)
     question = f"{words[:1].upper()}{words[1:]}{unit and f', {unit}'}: {field.description}"
     ask = Ask(SETTING + field.name, question, "text", check=partial(_check, field))
@@ -125,13 +118,11 @@ def _question(field: ModelField) -> Ask:
 
 
 def _check(field: ModelField, answer: Fact, facts: Facts) -> None:
-    """Raises BadParameter if an answer is not a value of the setting."""
     for value in _given([field], {SETTING + field.name: answer}).values():
         read_value(field, value, TableSource(), (field.name,))
 
 
 def _given(fields: Sequence[ModelField], facts: Facts) -> dict[str, Any]:
-    """The settings in the operator's answers."""
     answers = ((field, facts.get(SETTING + field.name, "")) for field in fields)
     return {one.name: _value(one, answer) for one, answer in answers if answer != ""}
 
@@ -155,9 +146,6 @@ def _single(kind: type, answer: Fact) -> Any:
     return int(number) if kind is int and number.is_integer() else number
 
 
-# --- measurement ---
-
-
 def estimate(
     procedure: Procedure[Any], folder: Path | None, frames: Sequence[RawFrame], facts: Facts, known: Known
 ) -> Outcomes:
@@ -173,26 +161,18 @@ def estimate(
         if not measured.planes:
             raise Refused(f"{procedure.name} found no plane in the photographs", "take them again")
     except (BadInput, BadParameter, Refused) as error:
-        measured = _refused(procedure, list(read[0].planes), error)
-    parameters = {**measured.head.parameters, **_files(procedure, given)}
+        names = list(read[0].planes)
+        several = procedure.results_key == Procedure.results_key
+        planes = (
+            PlaneResult(name, Verdict.REFUSED, error.reason, error.remedy) for name in (names if several else names[:1])
+        )
+        measured = Measurement(
+            procedure.schema, RecordHead(procedure.record_name), tuple(planes), results_key=procedure.results_key
+        )
+    files = {one.name: given[one.name] for one in _asked(procedure) if one.kind is Path and one.name in given}
+    parameters = {**measured.head.parameters, **files}
     measured = replace(measured, head=replace(measured.head, parameters=parameters))
     return {plane.name: plane.outcome(measured) for plane in measured.planes}
-
-
-def _files(procedure: Procedure[Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """The settings that name files, relative to the session."""
-    return {one.name: given[one.name] for one in _asked(procedure) if one.kind is Path and one.name in given}
-
-
-def _refused(procedure: Procedure[Any], names: Sequence[str], error: ProcedureError) -> Measurement:
-    """Every plane refused, for the reason of an error."""
-    several = procedure.results_key == Procedure.results_key
-    planes = (
-        PlaneResult(name, Verdict.REFUSED, error.reason, error.remedy) for name in (names if several else names[:1])
-    )
-    return Measurement(
-        procedure.schema, RecordHead(procedure.record_name), tuple(planes), results_key=procedure.results_key
-    )
 
 
 def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts: Facts) -> list[PlaneResult]:

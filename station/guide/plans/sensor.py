@@ -33,11 +33,9 @@ def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes
             groups.setdefault(light, []).append(i)
     paths = list(names)
     shots = [
-        Shots(
-            LIGHT if light else DARK, exposures[taken[0]], None, light or None, tuple(paths[i] for i in taken)
-        )
+        Shots(LIGHT if light else DARK, exposures[taken[0]], None, light or None, tuple(paths[i] for i in taken))
         for light, taken in sorted(groups.items())
-    ]  # fmt: skip
+    ]
     try:
         whole = measure_sensor(shots, None, read=lambda path: frames[names[path]])
     except BadInput as refusal:

@@ -55,7 +55,6 @@ RING = (-3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0)
 SETTING, NOW, MARK = "series_at_", "series_now", 16
 """Facts: setting of the photograph with this beginning of its hash, and the setting now."""
 BEST = "series_best"
-"""Fact: the sharpest setting of green or grey."""
 EXPOSURE = ("exposure_s", "iso", "f_number")
 EQUAL_STOPS = 0.2
 
@@ -73,8 +72,12 @@ class SeriesPsf:
 
 def aperture_plan() -> Plan:
     """One photograph at each aperture."""
+
+    def five_stops(facts: Facts) -> str:
+        return " ".join(f"{one:g}" for one in [stop for stop in STOPS if stop > 0.95 * _aperture(facts)][:5])
+
     ask = Ask(
-        "apertures", "At which f-numbers?", "text", proposed=lambda facts: _stops_from(_aperture(facts)),
+        "apertures", "At which f-numbers?", "text", proposed=five_stops,
         check=lambda answer, facts: _f_numbers(answer),
     )  # fmt: skip
     tour = Tour(lambda facts: [_aperture_stop(number) for number in _f_numbers(facts["apertures"])])
@@ -109,14 +112,6 @@ def _plan(name: str, title: str, setting: str, requests: tuple[Ask | Tour, ...])
     )
 
 
-# --- settings ---
-
-
-def _stops_from(f_number: float) -> str:
-    """Five whole stops from an aperture on: "2.8 4 5.6 8 11"."""
-    return " ".join(f"{one:g}" for one in [stop for stop in STOPS if stop > 0.95 * f_number][:5])
-
-
 def _f_numbers(answer: Fact) -> list[float]:
     """The f-numbers of an answer. Raises BadParameter unless they are two or more, from 0.5 to 64."""
     try:
@@ -129,7 +124,6 @@ def _f_numbers(answer: Fact) -> list[float]:
 
 
 def _aperture(facts: Facts) -> float:
-    """The aperture now, as set last, recorded or typed."""
     return float(facts.get(NOW) or facts_as(PatternFacts, facts).aperture or STOPS[3])
 
 
@@ -164,13 +158,9 @@ def _focus_stop(wanted: float) -> TourStop:
 
 
 def _at(wanted: float, frame: RawFrame, facts: Facts) -> Advice:
-    """The check of a shot at a setting, which is noted."""
     advice = check_shot(frame, facts)
     noted = {f"{SETTING}{frame.sha256[:MARK]}": wanted, NOW: wanted} if advice.good else {}
     return replace(advice, facts={**advice.facts, **noted})
-
-
-# --- estimate ---
 
 
 def estimate(setting: str, frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:
@@ -215,9 +205,7 @@ def results(frames: Sequence[RawFrame], outcomes: Outcomes, terms: Terms, facts:
     return [replace(plane, estimate=series.get(plane.name)) for plane in planes]
 
 
-def write(
-    folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead
-) -> str:  # fmt: skip
+def write(folder: ResultFolder, planes: Sequence[PlaneResult], frames: Sequence[RawFrame], head: RecordHead) -> str:
     """The files of the PSF at the sharpest setting, with table and page of the series."""
     from station.reports.batches.series_page import series_page  # imported here: it draws, which is slow to load
 

@@ -19,7 +19,6 @@ from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead
 
 RAIL_MM = 0.1
-"""Standard uncertainty of the rail's positions."""
 
 
 def plan() -> Plan:

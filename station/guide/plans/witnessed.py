@@ -1,7 +1,5 @@
-"""The guided plan of a witnessed PSF: the guided calibration up to its focus, then four photographs.
-
-Bench and camera change exposure time and distance themselves where they can; the operator turns the focus.
-"""
+"""The guided plan of a witnessed PSF: the guided calibration up to its focus, then four photographs. Bench and camera
+change exposure time and distance themselves where they can; the operator turns the focus."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -47,7 +45,6 @@ from station.procedure.schema import procedure_named
 __all__ = ["measurement", "plan", "results"]
 
 TAKEN = ("long exposure", "short exposure", "slight defocus", "nearer")
-"""The photographs in the order in which they are taken."""
 ORDER = (1, 0, 3, 2)
 """Their places in the order of the command: short, long, near, defocused."""
 EXPOSURE = "long_exposure_s"
@@ -79,7 +76,15 @@ def plan(folder: Path | None = None) -> Plan:
     )
 
     def estimate(frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:
-        return _estimate(folder, frames, facts, known)
+        own = facts_as(PatternFacts, facts)
+        settings: dict[str, Any] = {"seed": str(own.chart_seed)}
+        if own.print_blur is not None:
+            settings["print_blur"] = str(own.print_blur)
+        if EXPOSURE not in facts:
+            settings["exposure_ratio"] = "2"
+        given = {**facts, **{general.SETTING + name: value for name, value in settings.items()}}
+        ordered = [frames[i] for i in ORDER] if len(frames) == len(ORDER) else frames
+        return general.estimate(procedure_named("witnessed"), folder, ordered, given, known)
 
     return Plan(
         "witnessed",
@@ -131,8 +136,6 @@ def _long(frame: RawFrame, facts: Facts) -> Advice:
 
 
 def _exposed(wanted: tuple[float, float], what: str) -> Callable[[RawFrame, Facts], Advice]:
-    """Check of the exposure time, relative to the long exposure."""
-
     def check(frame: RawFrame, facts: Facts) -> Advice:
         exposure_s = frame.exposure.exposure_s
         if exposure_s is None or EXPOSURE not in facts:
@@ -153,18 +156,4 @@ def _nearer(facts: Facts) -> dict[str, float]:
 
 
 def _nearer_by_hand(facts: Facts) -> dict[str, float]:
-    """Move of the camera to two thirds of the distance at which the chart has its width."""
     return {"z_mm": -NEAREST * facts_as(PatternFacts, facts).wanted_distance_mm()}
-
-
-def _estimate(folder: Path | None, frames: Sequence[RawFrame], facts: Facts, known: Known) -> Outcomes:
-    """The measurement of the command, of the four photographs in its order."""
-    own = facts_as(PatternFacts, facts)
-    settings: dict[str, Any] = {"seed": str(own.chart_seed)}
-    if own.print_blur is not None:
-        settings["print_blur"] = str(own.print_blur)
-    if EXPOSURE not in facts:
-        settings["exposure_ratio"] = "2"
-    given = {**facts, **{general.SETTING + name: value for name, value in settings.items()}}
-    ordered = [frames[i] for i in ORDER] if len(frames) == len(ORDER) else frames
-    return general.estimate(procedure_named("witnessed"), folder, ordered, given, known)

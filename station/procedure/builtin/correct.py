@@ -88,7 +88,6 @@ class Correct(Procedure[CorrectSettings]):
     method = "joint demosaicking and deconvolution through the measured PSF field, regularized"
 
     def steps(self, paths: Sequence[Path]) -> int:
-        """Hundredths of the work."""
         return 100
 
     def files(self, paths: Sequence[Path], settings: CorrectSettings) -> list[Path]:
@@ -132,7 +131,6 @@ class Correct(Procedure[CorrectSettings]):
         ).compared(terms)  # fmt: skip
 
     def lines(self, measurement: Measurement) -> list[str]:
-        """The photographs that were not used."""
         whole: Corrected = measurement.result
         places = () if whole.outcome.value is None else whole.outcome.value.places
         return [
@@ -143,7 +141,6 @@ class Correct(Procedure[CorrectSettings]):
 
 
 _USUAL = (("scale", 1), ("insist", False), ("encoding", None), ("f_number", None), ("pixel_pitch_um", None))
-"""Settings that are not recorded."""
 
 
 def _field(paths: Sequence[Path], settings: CorrectSettings) -> Path:
@@ -167,6 +164,3 @@ def _by_hundredths(progress: Progress) -> Callable[[int, int], None]:
             last = now
 
     return advance
-
-
-PROCEDURE = Correct()

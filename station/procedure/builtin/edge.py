@@ -83,7 +83,6 @@ class SlantedEdge(Procedure[EdgeSettings]):
     def measure(
         self, paths: Sequence[Path], settings: EdgeSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
-        """The edge of a region, or all edges that are found."""
         from procedures.slanted_edge.strip import Roi  # here: mathematics, slow to load
         from station.calibration.edges import PhotographEdges, edge_measurement, measure_edges
 
@@ -101,7 +100,6 @@ class SlantedEdge(Procedure[EdgeSettings]):
         return True
 
     def report(self, measurement: Measurement) -> Report:
-        """With what the camera noted of the photograph."""
         from station.reports.report import measurement_report  # here: it draws, which is slow to load
 
         frame = replace(
@@ -110,14 +108,12 @@ class SlantedEdge(Procedure[EdgeSettings]):
         return measurement_report(measurement, self.name, title=self.title, frames=(frame,))
 
     def lines(self, measurement: Measurement) -> list[str]:
-        """Every edge that has a place, and how many have which verdict."""
         whole: PhotographEdges = measurement.result
         counts = [f"{record.name}: {record.count}" for record in whole.records if record.count]
         return [*(_words(record, edge) for record in whole.records for edge in record.outcomes if edge.roi), *counts]
 
 
 def _words(record: EdgeRecord, outcome: EdgeOutcome) -> str:
-    """Place, verdict, direction and MTF50 of an edge."""
     from procedures.slanted_edge.estimate import orientation
 
     roi, edge, result = outcome.roi, outcome.value, record.result
@@ -128,6 +124,3 @@ def _words(record: EdgeRecord, outcome: EdgeOutcome) -> str:
     mtf50 = convert_quantity(edge.numbers[EDGE_MTF50], result.unit, result.factor)
     angle = edge.numbers[EDGE_ANGLE].value
     return f"{words}, {angle:.2f} degrees; MTF50 {stated(mtf50.value, mtf50.uncertainty)} {mtf50.unit}"
-
-
-PROCEDURE = SlantedEdge()

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from station.reports.report import Report
 
 ASSUMED_WORD = "assumed"
-"""Word for a fill factor that was not measured."""
 
 
 class FieldSettings(ChartPsfSettings, frozen=True, kw_only=True):
@@ -69,7 +68,6 @@ class FieldSettings(ChartPsfSettings, frozen=True, kw_only=True):
         _ = self.photosite
 
     def given(self) -> dict[str, Any]:
-        """Entries of the record's parameters."""
         files = {name: str(path) for name in ("vignetting", "sensor") if (path := getattr(self, name)) is not None}
         photosite = self.photosite
         if photosite is None:
@@ -103,10 +101,9 @@ class Field(PsfProcedure[FieldSettings]):
         from procedures.field.measuring import measure
         from procedures.pattern_psf.estimate import PatternParameters
         from procedures.whole_camera.from_field import whole_camera
-        from station.calibration.field import field_pixels, field_results
+        from station.calibration.field import field_pixels, field_results, other_parts
         from station.calibration.sensor_models import read_models
         from station.calibration.vignetting import read_vignetting
-        from station.calibration.whole_camera import other_parts
         from station.reports.field.field_files import FieldParts, field_measurement  # here: it draws, slow to load
 
         parameters, source, photosite = PatternParameters(**settings.sampling()), settings.source, settings.photosite
@@ -131,12 +128,10 @@ class Field(PsfProcedure[FieldSettings]):
         return replace(whole, terms=terms)
 
     def missed(self, measurement: Measurement) -> list[Miss]:
-        """The photographs without any PSF."""
         measured = measurement.result.result.measured
         return [miss for miss in measured.misses if miss.source in measured.failed]
 
     def lines(self, measurement: Measurement) -> list[str]:
-        """The charts without a PSF in photographs with others."""
         measured = measurement.result.result.measured
         return [str(miss) for miss in measured.misses if miss.source not in measured.failed]
 
@@ -145,7 +140,6 @@ class Field(PsfProcedure[FieldSettings]):
         return read_height_overlays(paths, terms.unit)
 
     def report(self, measurement: Measurement) -> Report:
-        """Contents of the certificate: the frame's centre, and the medians over the frame unless read from files."""
         if measurement.result is None:
             return super().report(measurement)
         from station.reports.field.field_files import with_medians  # here: it draws, which is slow to load
@@ -155,6 +149,3 @@ class Field(PsfProcedure[FieldSettings]):
         report = measurement_report(measurement, self.name, title=self.title, frames=result.measured.exposures)
         fields = {name: one.interpolation.field for name, one in measurement.result.fitted.items()}
         return replace(report, planes=[with_medians(plane, result) for plane in measurement.planes], fields=fields)
-
-
-PROCEDURE = Field()

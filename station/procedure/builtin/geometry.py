@@ -24,11 +24,8 @@ class GeometrySettings(ChartSettings, frozen=True, kw_only=True):
 
     width_mm: Annotated[float, setting("Width of the printed chart's ten blocks, as measured.", least=1)] = 300.0
     width_uncertainty_mm: (
-        Annotated[
-            float, setting("Its standard uncertainty; all distances share it.  [default: 0.3 %]", least=0)
-        ]
-        | None
-    ) = None  # fmt: skip
+        Annotated[float, setting("Its standard uncertainty; all distances share it.  [default: 0.3 %]", least=0)] | None
+    ) = None
     scale: Annotated[
         Path | None, setting("A TOML file: the width with ruler, certificate and temperatures, in place of both above.")
     ] = None
@@ -120,7 +117,6 @@ class CameraGeometry(Procedure[GeometrySettings]):
         return geometry_measurement(planes, head, settings.chart_scale).compared(terms)
 
     def lines(self, measurement: Measurement) -> list[str]:
-        """Which camera model each plane has, from how many views, and which shutter."""
         cameras = [(plane.name, plane.estimate) for plane in measurement.planes if plane.estimate is not None]
         models = [f"{name}: {one.camera.model} from {len(one.views)} views" for name, one in cameras]
         if cameras and "advise" in measurement.head.parameters:
@@ -128,6 +124,3 @@ class CameraGeometry(Procedure[GeometrySettings]):
 
             models += [f"{name}: {advice(one.next_view)}" for name, one in cameras if one.next_view is not None]
         return models + [f"{name}: {one.shutter.words}" for name, one in cameras if one.shutter is not None]
-
-
-PROCEDURE = CameraGeometry()

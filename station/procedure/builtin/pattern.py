@@ -59,6 +59,3 @@ class Pattern(PsfProcedure[PatternSettings]):
         asked = {**parameters.to_record(), "physics": bool(settings.physics), **known.record(), "chart": source.origin,
                  "origin": settings.origin, GRADE: SINGLE}  # fmt: skip
         return self.measurement([frame], results, asked, settings, terms)
-
-
-PROCEDURE = Pattern()

@@ -12,15 +12,7 @@ from typing import Annotated, Any
 import numpy as np
 import numpy.typing as npt
 
-from procedures.numbers import (
-    COVERAGE,
-    DROPPED_SAMPLES,
-    PSNR_FILTERED,
-    PSNR_RENDERED,
-    RENDER_UNCERTAINTY,
-    SAMPLES_CAST,
-    SIMILAR_PATCHES,
-)
+from procedures import numbers as names
 from procedures.outcome import BadInput, BadParameter, Outcome, Verdict
 from procedures.ray_histogram.adaptive import allot
 from procedures.ray_histogram.blend import blend, open_image_denoise
@@ -154,16 +146,19 @@ class FilteredRender:
     def numbers(self) -> dict[str, float]:
         """Numbers for which limits can be set."""
         numbers: dict[str, float] = {
-            SIMILAR_PATCHES: self.filtered.median_similar[0],
-            SAMPLES_CAST: float(self.film.count.mean()),
-            DROPPED_SAMPLES: int(self.film.dropped.sum()),
+            names.SIMILAR_PATCHES: self.filtered.median_similar[0],
+            names.SAMPLES_CAST: float(self.film.count.mean()),
+            names.DROPPED_SAMPLES: int(self.film.dropped.sum()),
         }
         if self.filtered.uncertainty is not None:
-            numbers[RENDER_UNCERTAINTY] = float(np.median(self.filtered.uncertainty))
+            numbers[names.RENDER_UNCERTAINTY] = float(np.median(self.filtered.uncertainty))
         if self.coverage is not None:
-            numbers[COVERAGE] = self.coverage
+            numbers[names.COVERAGE] = self.coverage
         if self.decibels:
-            numbers |= {PSNR_RENDERED: self.decibels["input"][0], PSNR_FILTERED: self.decibels["filtered"][0]}
+            numbers |= {
+                names.PSNR_RENDERED: self.decibels["input"][0],
+                names.PSNR_FILTERED: self.decibels["filtered"][0],
+            }
         return numbers
 
     def entries(self) -> dict[str, Any]:
@@ -173,11 +168,11 @@ class FilteredRender:
             **verdict_entry(self.outcome),
             "size": list(count.shape),
             "samples_per_pixel": {"least": int(count.min()), "mean": float(count.mean()), "most": int(count.max())},
-            DROPPED_SAMPLES: int(self.film.dropped.sum()),
+            names.DROPPED_SAMPLES: int(self.film.dropped.sum()),
             "similar_median": list(self.filtered.median_similar),
         }
         if spread is not None:
-            covered = {} if self.coverage is None else {COVERAGE: self.coverage}
+            covered = {} if self.coverage is None else {names.COVERAGE: self.coverage}
             entries["uncertainty"] = {"median": float(np.median(spread)), "most": float(spread.max()), **covered}
         if self.weights is not None:
             entries["blend"] = self.weights
@@ -235,7 +230,6 @@ class Rays(Procedure[RaysSettings]):
     method = "ray histogram fusion: mean of patches whose sample histograms are alike, at several scales"
 
     def places(self, paths: Sequence[Path]) -> list[str]:
-        """A folder of each film's name where there are several."""
         if len(paths) == 1:
             return [""]
         twice = [stem for stem, n in Counter(path.stem for path in paths).items() if n > 1]
@@ -291,7 +285,6 @@ class Rays(Procedure[RaysSettings]):
 def _filtered(
     paths: Sequence[Path], settings: RaysSettings, progress: Progress
 ) -> Iterator[tuple[Film, FilteredFilm, dict[str, float] | None]]:
-    """Every film and its filtered picture, with the weights of a blend."""
     threads, kept = settings.threads or os.cpu_count() or 1, deque[Film]()
 
     if settings.blend:
@@ -326,6 +319,3 @@ def _reference(path: Path, shape: tuple[int, ...]) -> Picture:
     if truth is None:
         raise BadInput(f"{path} has no array `reference` or `image`", f"give a converged render of shape {shape}")
     return checked_array(truth, f"the reference {path}", shape, remedy="give a converged render of the film's size")
-
-
-PROCEDURE = Rays()

@@ -32,23 +32,19 @@ class Restore(Procedure[RestoreSettings]):
     method = "joint estimation of picture and depth by regularized least squares over the blur's masks"
 
     def steps(self, paths: Sequence[Path]) -> int:
-        """Hundredths of the work."""
         return 100
 
     def files(self, paths: Sequence[Path], settings: RestoreSettings) -> list[Path]:
-        """Shapes, measured PSFs, records of motion, and the ground truth."""
         return settings.of(paths).files
 
     def measure(
         self, paths: Sequence[Path], settings: RestoreSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
-        """Picture and depth of the photographs."""
         from station.procedure.restoring import restored  # here: mathematics, slow to load
 
         return restored(self.name, paths, settings, terms, progress)
 
     def lines(self, measurement: Measurement) -> list[str]:
-        """The comparison with the ground truth."""
         restoration: Restoration | None = measurement.result and measurement.result.outcome.value
         if restoration is None or restoration.ground_truth is None:
             return []
@@ -58,6 +54,3 @@ class Restore(Procedure[RestoreSettings]):
             f"compared with the ground truth {truth.psnr_db:.1f} dB, the photographs {before} dB; "
             f"error {truth.error:.2%} of white, estimated {truth.stated_error:.2%}"
         ]
-
-
-PROCEDURE = Restore()

@@ -46,7 +46,6 @@ class Rig(Procedure[RigSettings]):
     def measure(
         self, paths: Sequence[Path], settings: RigSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
-        """The poses of all cameras by the first."""
         if len(paths) < 2:
             raise BadParameter("a rig has two cameras or more; got one result", "name the results of all its cameras")
         cameras = []
@@ -71,7 +70,6 @@ class Rig(Procedure[RigSettings]):
 
 
 def _entries(rig: RigPoses, paths: Sequence[Path]) -> dict[str, Any]:
-    """Entries of the record: the second camera's pose, and those of all further ones."""
     baseline = rig.numbers()[BASELINE]
     scale = rig.scale * baseline.value
     budget = {"points": max(baseline.uncertainty**2 - scale**2, 0.0) ** 0.5, "scale": scale}
@@ -86,6 +84,3 @@ def _entries(rig: RigPoses, paths: Sequence[Path]) -> dict[str, Any]:
         BASELINE: asdict(baseline) | {"budget": budget},
         **({} if rig.next_view is None else {"next_view": asdict(rig.next_view)}),
     }  # fmt: skip
-
-
-PROCEDURE = Rig()

@@ -60,7 +60,6 @@ class SensorCharacterisation(Procedure[SensorSettings]):
     def measure(
         self, paths: Sequence[Path], settings: SensorSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
-        """The sensor of a folder of pictures."""
         missed: list[Miss] = []
         shots, plane = find_shots(paths[0], missed.append), upper_plane(settings.plane)
 
@@ -72,6 +71,3 @@ class SensorCharacterisation(Procedure[SensorSettings]):
         result = measure_sensor(shots, plane, reported, missed=missed)
         head = RecordHead(self.name, tuple(result.files), {"folder": str(paths[0]), "plane": plane or "all"})
         return sensor_measurement(result, head).compared(terms)
-
-
-PROCEDURE = SensorCharacterisation()

@@ -40,13 +40,11 @@ class Series(Pattern):
     def measure(
         self, paths: Sequence[Path], settings: PatternSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
-        """The PSF of every plane of a photograph."""
         if settings.physics is None:
             settings = msgspec.structs.replace(settings, physics=settings.pixel_pitch_um is not None)
         return super().measure(paths, settings, terms, progress)
 
     def summary(self, rows: Sequence[Any]) -> BatchSummary:
-        """Table and page of the series, the best apertures, and what does not belong together."""
         from station.reports.batches.series_page import series_page  # here: it draws, which is slow to load
 
         points = points_of(rows)
@@ -56,6 +54,3 @@ class Series(Pattern):
             lines.append("no wavefront error: it needs --pixel-pitch-um, as the Strehl ratio does, and --physics")
         files = {TABLE: series_table(points), PAGE: page}
         return BatchSummary(files, lines, several(rows))
-
-
-PROCEDURE = Series()

@@ -9,7 +9,6 @@ from typing import Annotated, Any, Literal
 from msgspec.structs import replace as replace_settings
 
 from procedures.outcome import ProcedureError
-from procedures.raw import RawFrame
 from station.calibration.exports.psf import field_path
 from station.calibration.profiles import profile_for
 from station.calibration.sharpening import DEFOCUS, FIELD, FINER, WAYS, choose
@@ -63,7 +62,6 @@ class Sharpen(Procedure[SharpenSettings]):
     method = "as the record states"
 
     def steps(self, paths: Sequence[Path]) -> int:
-        """Hundredths of the work."""
         return 100
 
     def files(self, paths: Sequence[Path], settings: SharpenSettings) -> list[Path]:
@@ -72,12 +70,19 @@ class Sharpen(Procedure[SharpenSettings]):
     def measure(
         self, paths: Sequence[Path], settings: SharpenSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
-        """The record of the procedure that was chosen, with the decision."""
         frames = [settings.read(path) for path in paths]
         if len(frames) == 1 and settings.field is None:
             with suppress(ProcedureError):
                 settings = replace_settings(settings, field=profile_for(frames[0].exposure))
-        way, why, more = self._choice(frames, settings)
+        way: str
+        why: tuple[str, ...]
+        more: Mapping[str, Any] = {}
+        if settings.way in (FIELD, FINER) and settings.field is not None:
+            way, why = settings.way, (f"--way {settings.way} was given",)
+        else:
+            way, why, more = choose(
+                frames, field_given=settings.field is not None, ratio=settings.ratio, way=settings.way
+            )
         reasons = (WAYS[way], *why)
         for words in reasons:
             progress(words, 0)
@@ -104,14 +109,6 @@ class Sharpen(Procedure[SharpenSettings]):
                     break
         return min(tried, key=_rank)
 
-    @staticmethod
-    def _choice(
-        frames: Sequence[RawFrame], settings: SharpenSettings
-    ) -> tuple[str, tuple[str, ...], Mapping[str, Any]]:
-        if settings.way in (FIELD, FINER) and settings.field is not None:
-            return settings.way, (f"--way {settings.way} was given",), {}
-        return choose(frames, field_given=settings.field is not None, ratio=settings.ratio, way=settings.way)
-
     def page(self, measurement: Measurement) -> bytes:
         return procedure_named(measurement.head.procedure).page(measurement)
 
@@ -124,7 +121,6 @@ def _taken(
     name: str, options: Mapping[str, Any], reasons: Sequence[str], paths: Sequence[Path], terms: Terms,
     progress: Progress,
 ) -> Measurement:  # fmt: skip
-    """The measurement by a procedure, with its settings and the reasons for it in the record."""
     procedure = procedure_named(name)
     given = {key: value for key, value in options.items() if value is not None}
     settings = read_model(procedure.Settings, given, TableSource())
@@ -136,8 +132,4 @@ def _taken(
 
 
 def _rank(measurement: Measurement) -> int:
-    """0 for a measurement that passes, 2 if a plane is refused."""
     return max(plane.verdict.rank for plane in measurement.planes)
-
-
-PROCEDURE = Sharpen()

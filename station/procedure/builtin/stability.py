@@ -48,10 +48,19 @@ class StabilityOfPsf(Procedure[StabilitySettings]):
     def measure(
         self, paths: Sequence[Path], settings: StabilitySettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
-        """The stability of every plane that all results have."""
         by_plane: list[dict[str, tuple[Array, int]]] = []
         for path in paths:
-            by_plane.append(_psfs(path.parent if path.is_file() else path))
+            folder = path.parent if path.is_file() else path
+            measured = read_result(folder)
+            s = measured.head.parameters.get("s")
+            psfs = {
+                plane.name: (plane.samples, int(s[plane.name] if isinstance(s, dict) else s))
+                for plane in measured.planes
+                if plane.samples is not None and s
+            }
+            if not psfs:
+                raise BadInput(f"{folder} has no PSF", AGAIN)
+            by_plane.append(psfs)
             progress(f"read {path}")
         names = [name for name in by_plane[0] if all(name in one for one in by_plane)]
         if not names:
@@ -64,7 +73,6 @@ class StabilityOfPsf(Procedure[StabilitySettings]):
         return Measurement(self.schema, head, planes, files=files).compared(terms)
 
     def page(self, measurement: Measurement) -> bytes:
-        """The sensitivity over the regions, and the mean MTF with its scatter."""
         # imported here: it draws, which is slow to load
         from station.drawing.colours import INK, PLANE_COLOURS
         from station.drawing.plots import curve, finished, legend, plot_axes
@@ -87,23 +95,6 @@ class StabilityOfPsf(Procedure[StabilitySettings]):
         return report_page(self.report(measurement), summary=[Figures(figures)]).encode()
 
 
-def _psfs(folder: Path) -> dict[str, tuple[Array, int]]:
-    """Samples and sampling of the PSFs of a result by plane. Raises BadInput if it has none."""
-    measured = read_result(folder)
-    s = measured.head.parameters.get("s")
-    psfs = {
-        plane.name: (plane.samples, int(s[plane.name] if isinstance(s, dict) else s))
-        for plane in measured.planes
-        if plane.samples is not None and s
-    }
-    if not psfs:
-        raise BadInput(f"{folder} has no PSF", AGAIN)
-    return psfs
-
-
 def _table(stability: Stability) -> bytes:
     rows = zip(THRESHOLDS, stability.sensitivity, strict=True)
     return csv_bytes([["least_mtf", "sensitivity"], *([f"{value:.6g}" for value in row] for row in rows)])
-
-
-PROCEDURE = StabilityOfPsf()

@@ -113,11 +113,7 @@ class TiltOfSensor(Procedure[TiltSettings]):
         return tilt_measurement(head, name, result, measured.misses).compared(terms)
 
     def lines(self, measurement: Measurement) -> list[str]:
-        """Each screw, the shim, and whether to turn at all."""
         from station.calibration.tilt import screw_lines
 
         (plane,) = measurement.planes
         return [] if plane.estimate is None else screw_lines(plane.estimate)
-
-
-PROCEDURE = TiltOfSensor()

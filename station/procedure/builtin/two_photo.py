@@ -45,6 +45,3 @@ class TwoPhoto(PsfProcedure[TwoPhotoSettings]):
         parameters = TwoPhotoParameters(**settings.sampling(), at=terms.frequencies(settings.plane_pixels(first)))
         results = calibrate_wall(frames, parameters, settings.limit(first.exposure))
         return self.measurement(frames, results, parameters.to_record(), settings, terms)
-
-
-PROCEDURE = TwoPhoto()

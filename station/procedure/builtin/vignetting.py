@@ -22,13 +22,10 @@ class Vignetting(Procedure[Settings]):
     light from the lens. Expose to half of the scale."""
     inputs = Inputs.PHOTOGRAPHS
     argument = "FLAT..."
-    drawn_by = "vignetting_page:vignetting_page"
+    drawn_by = "field.camera_section:vignetting_page"
     method = "polynomial falloff of the lens fitted with the light's slope, by plane"
 
     def measure(
         self, paths: Sequence[Path], settings: Settings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
         return vignetting_measurement(measure_flats(paths, progress)).compared(terms)
-
-
-PROCEDURE = Vignetting()

@@ -47,7 +47,6 @@ class Witnessed(PsfProcedure[WitnessedSettings]):
     def measure(
         self, paths: Sequence[Path], settings: WitnessedSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
-        """The PSF of every plane of the long exposure."""
         if len(paths) != len(ROLES):
             raise BadParameter(
                 f"a witnessed PSF needs {len(ROLES)} photographs; got {len(paths)}", f"give {' '.join(ROLES)}"
@@ -69,25 +68,16 @@ class Witnessed(PsfProcedure[WitnessedSettings]):
             short, main, near, defocused = (frame.planes[name] for frame in frames)
             four = Photographs(short, main, near, defocused, ratio)
             outcome = witnessed_psf(four, chart, parameters, limit(main))
-            results.append(_result(four, outcome, long))
+            results.append(_result(four, outcome))
         asked = {**parameters.to_record(), "chart": settings.source.origin, "origin": settings.origin,
                  "exposure_ratio": ratio, GRADE: "witnessed"}  # fmt: skip
         return self.measurement(frames, results, asked, settings, terms)
 
 
-def _result(four: Photographs, outcome: Outcome[WitnessedPsf], long: RawFrame) -> PlaneResult:
-    """The plane of the long exposure, with the witnesses' numbers."""
+def _result(four: Photographs, outcome: Outcome[WitnessedPsf]) -> PlaneResult:
     witnessed = outcome.value
-    result = plane_result(
-        four.long,
-        Outcome(
-            None if witnessed is None else witnessed.psf,
-            outcome.verdict,
-            outcome.reason,
-            outcome.remedy,
-            outcome.other_causes,
-        ),  # fmt: skip, long.exposure
-    )
+    psf = Outcome(witnessed and witnessed.psf, outcome.verdict, outcome.reason, outcome.remedy, outcome.other_causes)
+    result = plane_result(four.long, psf)
     if witnessed is None:
         return result
     details = {name: number_record(number) for name, number in witnessed.numbers.items()}
@@ -102,6 +92,3 @@ def _recorded_ratio(short: RawFrame, long: RawFrame) -> float:
             "the ratio of the exposures must be known; the camera recorded no exposure time", "give --exposure-ratio"
         )
     return second / first
-
-
-PROCEDURE = Witnessed()

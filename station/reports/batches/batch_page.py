@@ -23,11 +23,8 @@ from station.results.explanation import OUTLIER, outliers
 MAX_LINES = 500
 """Photographs in the page's table and figures; summary.csv has all."""
 MAX_COLUMNS = 3
-"""Numbers in the page's table."""
 MAX_BINS = 40
-"""Bins of a histogram, at most."""
 MAX_NAME = 18
-"""Characters of a camera's name in a legend."""
 MARKERS = "osD^vPX"
 
 
@@ -140,7 +137,6 @@ def _link(line: BatchLine) -> str:
 
 
 def _rows(line: BatchLine, names: Sequence[str], report: BatchReport) -> list[list[str]]:
-    """A row for each plane of an item, or one without."""
     rows = []
     for plane, numbers in line.planes.items() or [("", {})]:
         cells = [_cell(numbers.get(name), report.by_key.get((line.camera, plane, name))) for name in names]
@@ -150,7 +146,6 @@ def _rows(line: BatchLine, names: Sequence[str], report: BatchReport) -> list[li
 
 
 def _cell(number: Quantity | None, group: NumberGroup | None) -> str:
-    """A number with its uncertainty, marked if it is an outlier of its group."""
     if number is None:
         return "—"
     words = stated(number.value, number.uncertainty)
@@ -161,9 +156,6 @@ def _cell(number: Quantity | None, group: NumberGroup | None) -> str:
 
 def _unit(report: BatchReport, name: str) -> str:
     return next((unit for group in report.groups if group.number == name and (unit := group.unit) != "1"), "")
-
-
-# --- distributions ---
 
 
 def _distributions(report: BatchReport) -> Section:
@@ -187,7 +179,6 @@ def _distributions(report: BatchReport) -> Section:
 
 
 def _distribution(groups: Sequence[NumberGroup], name: str, report: BatchReport) -> Figure:
-    """Every item's number with its error bar in the order of the items, and beside it a histogram of all."""
     figure, ((axes, beside),) = axes_grid(
         6.0, 1.8, 1, 2, rim_in=(0.62, 0.1, 0.42, 0.12), width_ratios=(4, 1), wspace=0.04
     )  # fmt: skip

@@ -3,19 +3,26 @@
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 
 from procedures.field.maps import COLUMNS, FieldMap, grid
 from procedures.numbers import COLOUR_SHADING
+from procedures.numerics.arrays import Array
 from procedures.vignetting.surface import LightSurface
 from procedures.whole_camera.from_field import JointNumbers, WholeCamera
 from station.drawing.colours import INK
 from station.drawing.plots import BAR_RIGHT, Figure, finished, picture, plot_axes
 from station.reports.field.field_figures import field_map_figure
-from station.reports.geometry_figures import distortion_figure, uncertainty_figure
+from station.reports.geometry_page import distortion_figure, uncertainty_figure
 from station.reports.page import Block, Figures, Section, Table, causes, html, number_rows, tag
+from station.reports.report import Report
+from station.reports.report_page import report_page
 
-Array = npt.NDArray[np.float64]
+
+def vignetting_page(report: Report) -> str:
+    """The page of all planes."""
+    lights = {plane.name: plane.estimate.surface.light for plane in report.planes if plane.estimate is not None}
+    return report_page(report, summary=[Figures(light_figures(lights), wide=True)] if lights else [])
+
 
 REFERENCE = "G1"
 NOWHERE: Array = np.zeros((0, 2))
@@ -46,7 +53,6 @@ def camera_section(camera: WholeCamera) -> Section:
 
 
 def _correlations_figure(numbers: JointNumbers) -> Figure:
-    """The correlations of all numbers, part by part."""
     spread = np.sqrt(np.diag(numbers.covariance))
     scale = np.where(spread > 0, spread, 1.0)
     axes = plot_axes(4.6, 4.2, (1.25, 0.75, 0.1, 0.1))

@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.patches import Ellipse, Polygon, Rectangle
 
 from procedures.field.maps import FieldMap, LateralColour
 from procedures.field.models import SymmetryAxis
 from procedures.numbers import ASTIGMATISM, COLOUR_SHADING, FOCUS, without_photosite
+from procedures.numerics.arrays import Array
 from procedures.numerics.scattered import Hull
 from procedures.psf_field import PsfField
 from station.drawing.colours import FAINT, INK, MARK, PLANE_COLOURS
@@ -28,14 +28,10 @@ from station.drawing.plots import (
 )
 from station.drawing.style import axes_grid, few_ticks
 
-Array = npt.NDArray[np.float64]
-
 MOSAIC = 7
-"""PSFs along the frame's longer side of the mosaic."""
 NINETY_FIVE = 2.448
 """Radius of the ellipse that holds 95 % of a Gaussian in the plane, in standard deviations."""
 ERRORS = "YlOrBr"
-"""Colours of uncertainties."""
 SIGNED = (ASTIGMATISM, without_photosite(ASTIGMATISM), FOCUS["astigmatism"], "lateral_colour_radial",
           "lateral_colour_tangential", COLOUR_SHADING)  # fmt: skip
 """Maps whose zero is the middle of the colours."""
@@ -110,7 +106,6 @@ def _panels(
 
 
 def _title(panel: _Panel) -> str:
-    """Title and unit, in two lines where one is wider than the panel."""
     words = f"{panel.title}, {panel.unit}" if panel.unit else panel.title
     return words.replace(", without", ",\nwithout")
 

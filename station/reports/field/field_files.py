@@ -73,10 +73,20 @@ class FieldParts:
             "lateral_colour": {colour.plane: _colour_entry(colour) for colour in result.colours},
             **_focus_entry(result),
         }
-        if self.fitted and self.lights:
-            entry["vignetting"] = {name: _light_entry(light) for name, light in self.lights.items()}
+        for name, light in self.lights.items() if self.fitted else ():
+            rows, columns = light.shape
+            corners = np.array([(x, y) for x in (0, columns - 1) for y in (0, rows - 1)], dtype=np.float64)
+            shares = light.at(corners)
+            lit = {CORNER_LIGHT: float(shares.mean()), DARKEST_CORNER: float(shares.min())}
+            entry.setdefault("vignetting", {})[name] = lit
         if self.fitted and self.camera is not None:
-            entry["camera"] = _camera_entry(self.camera)
+            geometry, numbers = self.camera.geometry, self.camera.numbers
+            known = verdict_entry(geometry)
+            if geometry.value is not None:
+                known["model"] = geometry.value.camera.model
+                known |= {name: asdict(number) for name, number in geometry.value.numbers().items()}
+            parts = [part.name for part in numbers.parts]
+            entry["camera"] = {"file": CAMERA, "numbers": len(numbers.values), "parts": parts, "geometry": known}
         if self.beside:
             entry["parts"] = {name: asdict(one) for name, one in self.beside.items()}
         return entry
@@ -126,31 +136,12 @@ def with_medians(one: PlaneResult, result: FieldResult) -> PlaneResult:
 
 
 def _heights(fitted: Mapping[str, PlaneField], photosite: Photosite | None) -> dict[str, list[HeightCurve]]:
-    """The MTF over image height of the planes with a field around the frame's centre."""
     curves = {}
     for name, one in fitted.items():
         without = WithoutPhotosite(photosite, one.pitch) if photosite else None
         common = unseen_change(one.quality, np.array(FREQUENCIES))
         curves[name] = over_height(one.interpolation.field, FREQUENCIES, without, common)
     return {name: curve for name, curve in curves.items() if curve}
-
-
-def _camera_entry(camera: WholeCamera) -> dict[str, Any]:
-    """Record entry of the camera's numbers: the file, and the geometry."""
-    geometry, numbers = camera.geometry, camera.numbers
-    entry = verdict_entry(geometry)
-    if geometry.value is not None:
-        quantities = {name: asdict(number) for name, number in geometry.value.numbers().items()}
-        entry = {**entry, "model": geometry.value.camera.model, **quantities}
-    return {"file": CAMERA, "numbers": len(numbers.values), "parts": [part.name for part in numbers.parts],
-            "geometry": entry}  # fmt: skip
-
-
-def _light_entry(light: LightSurface) -> dict[str, Any]:
-    """Record entry of a plane's vignetting."""
-    rows, columns = light.shape
-    corners = np.array([(x, y) for x in (0, columns - 1) for y in (0, rows - 1)], dtype=np.float64)
-    return {CORNER_LIGHT: float(light.at(corners).mean()), DARKEST_CORNER: float(light.at(corners).min())}
 
 
 def _maps(result: FieldResult, name: str, one: PlaneField) -> tuple[FieldMap, ...]:
@@ -161,14 +152,12 @@ def _maps(result: FieldResult, name: str, one: PlaneField) -> tuple[FieldMap, ..
 
 
 def _provenance(head: RecordHead) -> dict[str, str]:
-    """Texts for the file's attributes."""
     entries = head.to_record()
     kept = {name: entries[name] for name in ("procedure", "input", "parameters")}
     return {**{name: json_text({name: value}) for name, value in kept.items()}, "software": json_text(software())}
 
 
 def _plane_entry(one: PlaneField) -> dict[str, Any]:
-    """Record entry of a plane's field."""
     interpolation = one.interpolation
     by_name = {name.name: name for name in one.maps}
     errors: dict[str, float] = {
@@ -186,7 +175,6 @@ def _plane_entry(one: PlaneField) -> dict[str, Any]:
 
 
 def _colour_entry(colour: LateralColour) -> dict[str, Any]:
-    """Record entry of lateral colour: the largest radial shift between the planes."""
     radial, _ = colour.maps()
     if radial.uncertainty is None or not np.isfinite(radial.value).any():
         return {"reference": colour.reference}

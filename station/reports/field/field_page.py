@@ -1,18 +1,25 @@
 """The page of a field: maps, the mosaic of PSFs, lateral colour, best focus, vignetting, and how to read the file."""
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 
-from procedures.choice import FREQUENCIES, TERMS
+import numpy as np
+
+from procedures.choice import FREQUENCIES, TERMS, unseen_change
 from procedures.field.conclusion import FieldResult, PlaneField
-from procedures.field.maps import FieldMap, LateralColour
+from procedures.field.maps import FieldMap, grid, mesh, mtf50_about, propagated, radius_direction
 from procedures.field.photosite import Photosite
-from procedures.numbers import ERROR_INTERPOLATION, ERROR_NOISE, MTF50_MERIDIONAL, MTF50_SAGITTAL, label
+from procedures.numbers import ERROR_INTERPOLATION, ERROR_NOISE, MTF50_MERIDIONAL, MTF50_SAGITTAL, OF_PLACES, label
+from procedures.outcome import Quantity
+from procedures.psf import Psf
+from procedures.quality import mtf_along
+from station.calibration.field import shared_uncertainties
 from station.drawing.plots import Figure
+from station.reports.explore import ExploredPlace, ExploredPlaces
 from station.reports.field import field_figures
 from station.reports.field.camera_section import camera_section, light_figures
-from station.reports.field.explored_places import explored_places
 from station.reports.field.field_files import FieldParts, mm_per_pixel
 from station.reports.field.height_curves import HEIGHTS, WITHOUT_PHOTOSITE, heights_figure
 from station.reports.otf_figures import FrequencyAxis
@@ -33,6 +40,51 @@ from station.reports.report import Report
 from station.reports.report_page import report_page
 from station.results.plane_result import PlaneResult
 from station.results.units import Unit
+
+COLUMNS = 7
+POINTS = 41
+DIRECTIONS = {"horizontal": 0.0, "vertical": math.pi / 2}
+
+
+def explored_places(one: PlaneField, centre: PlaneResult) -> ExploredPlaces:
+    """A grid of places over the frame, with what their uncertainties share with the result at the centre."""
+    field = one.interpolation.field
+    known = shared_uncertainties(field, centre)
+    shared = np.array([known[name] / centre.factor for name in OF_PLACES])
+    points = mesh(*grid(field.shape, COLUMNS))
+    enclosed, parameters = field.inside(points), field.parameters(points)
+    spots = [_spot(one, shared, *place) for place in zip(points, enclosed, parameters, strict=True)]
+    return ExploredPlaces(field.shape, spots)
+
+
+def _spot(
+    one: PlaneField, shared: np.ndarray, place: np.ndarray, enclosed: bool, parameters: np.ndarray
+) -> ExploredPlace:
+    field, (x, y) = one.interpolation.field, map(float, place)
+    noise, interpolation = field.covariances(x, y)
+    psf = Psf.of(parameters, noise + interpolation, field.k, field.s, interpolation)
+    only_noise = Psf.of(parameters, noise, field.k, field.s, interpolation)
+    radius = radius_direction(field.shape, x, y)
+    (values, total), (_, by_noise) = mtf50_about(psf, radius), mtf50_about(only_noise, radius)
+    rest = np.sqrt(np.maximum(total**2 - by_noise**2, 0))
+    total = np.hypot(total, shared)
+    numbers = {str(name): Quantity(v, name.unit, u, "", 0) for name, v, u in zip(OF_PLACES, values, total, strict=True)}
+    budgets = {
+        str(name): {
+            "noise and truncation": float(a),
+            "interpolation between the charts": float(b),
+            "common to all places": float(c),
+        }
+        for name, a, b, c in zip(OF_PLACES, by_noise, rest, shared, strict=True)
+    }
+    frequencies = np.linspace(0, min(field.s / 2, 1.0), POINTS)
+    relative = unseen_change(one.quality, frequencies)
+    curves = {"frequency": frequencies}
+    for name, angle in DIRECTIONS.items():
+        curves[name], slopes = mtf_along(psf, frequencies, angle)
+        curves[f"{name}_uncertainty"] = np.hypot(propagated(psf, slopes), curves[name] * relative)
+    return ExploredPlace(x, y, bool(enclosed), numbers, budgets, curves, psf.h, psf.s)
+
 
 READER = """\
 import h5py, numpy as np
@@ -55,12 +107,25 @@ def field_page(report: Report) -> str:
     """The page; curves of other fields are drawn over these if they are in the same units."""
     whole: FieldParts = report.result
     result, lights, camera = whole.result, whole.lights, whole.camera
+    colours = result.colours
+    figures = []
+    for i, colour in enumerate(colours):
+        captions = ("Along the radius, outwards positive.", "Across it, clockwise as seen positive.")
+        figures.append(field_figures.colour_figure(colour, f"colour{i}"))
+        figures += [
+            field_figures.field_map_figure(m, colour.positions, colour.shape, f"colour{i}-{m.name}", caption)
+            for m, caption in zip(colour.maps(), captions, strict=True)
+        ]
+    words = "Position of the charts in a plane, less that in {}, in pixels of the sensor: from the maps of the charts."
+    text = words.format(colours[0].reference) if colours else ""
+    rows = [[miss.source, miss.plane, miss.place, reason_words(miss)] for miss in result.measured.misses]
+    table = Table(rows, ["photograph", "plane", "chart at", "why, and what helps"], "wwwr")
     closing = [
-        *_colour_sections(result.colours),
+        *([Section("Lateral colour", [text, Figures(figures, wide=True)])] if colours else []),
         *_focus_section(result),
         *([Section("Vignetting", [Figures(light_figures(lights), wide=True)])] if lights else []),
         *([camera_section(camera)] if camera and whole.fitted else []),
-        *_misses(result),
+        *([Section("Charts without a PSF", [table])] if rows else []),
         *_file_section(whole.fitted),
     ]
     blocks = partial(_plane_blocks, whole, report)
@@ -89,11 +154,7 @@ def _summary(whole: FieldParts) -> list[Block]:
     return [*blocks, *([Table(rows, ["beside the PSF", "measurement", "why"], "wwr")] if rows else [])]
 
 
-# --- one plane ---
-
-
 def _plane_blocks(whole: FieldParts, report: Report, plane: PlaneResult) -> list[Block]:
-    """Figures and tables of a plane."""
     one, photosite, name = whole.fitted.get(plane.name), whole.result.photosite, plane.name
     if one is None:
         return []
@@ -147,7 +208,6 @@ def _map_caption(one: FieldMap, photosite: Photosite | None) -> str:
 
 
 def _division(photosite: Photosite) -> str:
-    """How the photosite was removed."""
     source = "assumed, not measured" if photosite.assumed else "as given"
     return (
         f"its MTF, divided by that of a square photosite of fill factor {photosite.fill:g} ± {photosite.uncertainty:g} "
@@ -186,23 +246,6 @@ def in_unit(one: FieldMap, record: PlaneResult) -> FieldMap:
     return replace(one, value=one.value * factor, uncertainty=one.uncertainty * factor, unit=str(record.unit))
 
 
-# --- the whole field ---
-
-
-def _colour_sections(colours: Sequence[LateralColour]) -> list[Section]:
-    figures = []
-    for i, colour in enumerate(colours):
-        captions = ("Along the radius, outwards positive.", "Across it, clockwise as seen positive.")
-        figures.append(field_figures.colour_figure(colour, f"colour{i}"))
-        figures += [
-            field_figures.field_map_figure(m, colour.positions, colour.shape, f"colour{i}-{m.name}", caption)
-            for m, caption in zip(colour.maps(), captions, strict=True)
-        ]
-    words = "Position of the charts in a plane, less that in {}, in pixels of the sensor: from the maps of the charts."
-    text = words.format(colours[0].reference) if colours else ""
-    return [Section("Lateral colour", [text, Figures(figures, wide=True)])] if colours else []
-
-
 def _focus_section(result: FieldResult) -> list[Section]:
     if (surface := result.focus) is None:
         return [Section("Best focus", [sentence(result.focus_refusal)])] if result.focus_refusal else []
@@ -215,14 +258,7 @@ def _focus_section(result: FieldResult) -> list[Section]:
     return [Section("Best focus", [Figures([*maps, table], wide=True)])]
 
 
-def _misses(result: FieldResult) -> list[Section]:
-    rows = [[miss.source, miss.plane, miss.place, reason_words(miss)] for miss in result.measured.misses]
-    table = Table(rows, ["photograph", "plane", "chart at", "why, and what helps"], "wwwr")
-    return [Section("Charts without a PSF", [table])] if rows else []
-
-
 def _file_section(fitted: Mapping[str, PlaneField]) -> list[Section]:
-    """The file, and the five lines that read it, for a place in the middle of a plane."""
     if not fitted:
         return []
     name, one = next(iter(fitted.items()))

@@ -20,7 +20,6 @@ HEIGHTS, WITHOUT_PHOTOSITE = "heights", "without_photosite"
 COLOURS = ("#1f5fa8", "#c4541a", "#1e8449", "#6b4c9a")
 KINDS = (("sagittal", "-"), ("meridional", (0, (4, 2))))
 MARKERS = "os^vD"
-"""Markers of other fields, in turn."""
 SAME = 0.01
 """Relative difference up to which two frequencies are the same."""
 HeightColumns = Mapping[str, npt.NDArray[np.float64]]
@@ -71,7 +70,6 @@ def heights_figure(
 
 
 def _draw_other(axes: Axes, name: str, columns: HeightColumns, marker: str, own: Sequence[float], unit: str) -> None:
-    """Curves of another field, named once, with their frequencies if they differ."""
     frequencies = np.unique(columns["frequency"])
     same = len(frequencies) == len(own) and np.allclose(frequencies, own, rtol=SAME)
     at = "" if same else f", at {', '.join(f'{one:.3g}' for one in frequencies)} {unit}"

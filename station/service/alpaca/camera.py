@@ -16,7 +16,6 @@ from station.service.alpaca.protocol import (
     AlpacaError,
     Mosaic,
     Parameters,
-    SensorImage,
     first_red,
     sensor_image,
 )
@@ -30,9 +29,9 @@ MONOCHROME, RGGB = 0, 2
 
 @dataclass(frozen=True)
 class Taken:
-    """A photograph: its sensor image, its record, its start."""
+    """A photograph: its numbers as on the sensor, its record, its start."""
 
-    image: SensorImage
+    levels: Mosaic
     frame: RawFrame
     exposure: ExposedFile
     began: datetime
@@ -50,8 +49,6 @@ class BenchCamera(AlpacaDevice):
         self._aborted = False
         self._part: dict[str, int] = {"startx": 0, "starty": 0}
         super().__init__(served, "camera", number, "camera", {"camera": self._camera})
-
-    # --- members
 
     def readable(self) -> Mapping[str, Member]:
         members: dict[str, Member] = {
@@ -94,8 +91,6 @@ class BenchCamera(AlpacaDevice):
     def state(self) -> Mapping[str, Any]:
         return {"CameraState": self._state(), "ImageReady": self._ready}
 
-    # --- exposures
-
     def _start(self, given: Parameters) -> None:
         duration_s = given.number("Duration")
         given.flag("Light")  # a body cannot keep its shutter closed: every frame is a light frame
@@ -103,7 +98,7 @@ class BenchCamera(AlpacaDevice):
             message = f"Duration must be between 0 and {LONGEST_S:g} s; got {duration_s:g}"
             raise AlpacaError(INVALID_VALUE, message)
         if self._taken is not None:
-            self._check_part(self._taken.image.levels)
+            self._check_part(self._taken.levels)
         ready = self._ready
         if not self._task.running:  # before it begins: another client may abort it at once
             self._ready, self._aborted = False, False
@@ -120,7 +115,7 @@ class BenchCamera(AlpacaDevice):
         frame = read_frame(exposure.path)
         self._taken = Taken(sensor_image(list(frame.planes.values())), frame, exposure, began)
         self.served.picture.show(frame.planes[default_plane(exposure.path)])
-        self._check_part(self._taken.image.levels)
+        self._check_part(self._taken.levels)
         self._ready = not self._aborted
 
     def _abort(self) -> None:
@@ -142,20 +137,16 @@ class BenchCamera(AlpacaDevice):
             raise refuse_operation("nothing is being exposed; begin with StartExposure")
         return 0
 
-    # --- the image
-
     def _shown_part(self) -> Mosaic:
-        """The numbers of the requested subframe. Raises AlpacaError if there is no image."""
         if not self._image_ready():
             raise refuse_operation("there is no image; begin with StartExposure, and wait for ImageReady")
-        levels = self._last.image.levels
+        levels = self._last.levels
         self._check_part(levels)
         x, y = self._part["startx"], self._part["starty"]
         rows, columns = self._wanted("numy", levels.shape[0]), self._wanted("numx", levels.shape[1])
         return levels[y : y + rows, x : x + columns]
 
     def _wanted(self, number: str, size: int) -> int:
-        """The requested extent along a side of this size."""
         return self._part.get(number, size)
 
     def _check_part(self, levels: Mosaic) -> None:
@@ -171,8 +162,6 @@ class BenchCamera(AlpacaDevice):
         if value < (1 if name.startswith("Num") else 0):
             raise AlpacaError(INVALID_VALUE, f"{name} must not be below 0, nor a size 0; got {value}")
         self._part[name.lower()] = value
-
-    # --- properties of the last photograph
 
     @property
     def _sensor(self) -> FrameFormat:
@@ -227,12 +216,10 @@ CONSTANTS: Mapping[str, Member] = {
     "readoutmodes": constant(["RAW"]), "sensorname": constant(""),
 }  # fmt: skip
 NEITHER = ("cooleron", "fastreadout", "gain", "offset", "setccdtemperature", "subexposureduration")
-"""Members that can be neither read nor written."""
 ONLY_READ = (
     "ccdtemperature", "coolerpower", "electronsperadu", "fullwellcapacity", "gainmax", "gainmin", "gains",
     "heatsinktemperature", "offsetmax", "offsetmin", "offsets",
 )  # fmt: skip
-"""Members that cannot be read."""
 
 
 def only(given: Parameters, name: str, value: int) -> None:

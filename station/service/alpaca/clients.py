@@ -10,10 +10,8 @@ from station.service.alpaca.protocol import as_alpaca
 
 
 class ConnectedClients:
-    """The clients of one device by ClientID, 0 for those without. Thread-safe.
-
-    `connect` connects the hardware if necessary, and raises DeviceError or InUse.
-    """
+    """The clients of one device by ClientID, 0 for those without. Thread-safe. `connect` connects the hardware if
+    necessary, and raises DeviceError or InUse."""
 
     def __init__(self, connect: Callable[[], None]) -> None:
         self._connect = connect

@@ -75,7 +75,6 @@ class ProbeConditions(AlpacaDevice):
         return 0.0
 
     def _sensor(self, given: Parameters) -> str:
-        """The name of a sensor that the probe has."""
         name = given.text("SensorName").lower()
         if name in ABSENT:
             raise not_implemented(name)

@@ -5,10 +5,10 @@ import uuid
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, wait
 from contextlib import suppress
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from drivers.interfaces import Device
+from station.common.versions import software
 from station.service.alpaca.clients import ConnectedClients
 from station.service.alpaca.protocol import (
     ACTION_NOT_IMPLEMENTED,
@@ -30,7 +30,6 @@ ALWAYS = frozenset((
 """Members that answer before the device is connected."""
 STOP = "EmergencyStop"
 STOPS = frozenset(("halt", "abortexposure"))
-"""Members that stop a motion or exposure."""
 POLLS = 2
 """Concurrent requests to one device; others wait."""
 HALT_S = 0.02
@@ -87,8 +86,30 @@ class AlpacaDevice:
         self.devices = devices
         self.clients = ConnectedClients(self._connect)
         self.polls = served.threads(POLLS, f"{kind} {number}")
-        self.gets = {**self._common_gets(), **self.readable()}
-        self.puts = {**self._common_puts(), **self.writable()}
+        self.gets: dict[str, Member] = {
+            "connected": lambda given: given.client() in self.clients,
+            "connecting": lambda given: self.clients.connecting(given.client()),
+            "description": constant(f"{self.name} of the calibration station's bench"),
+            "devicestate": lambda given: [{"Name": name, "Value": value} for name, value in self.state().items()],
+            "driverinfo": constant("calibration station, an Alpaca server for the devices of its bench"),
+            "driverversion": constant(software()["version"] or "0"),
+            "interfaceversion": constant(self.interface_version),
+            "name": constant(self.name),
+            "supportedactions": lambda given: [*self.actions, STOP],
+            **self.readable(),
+        }
+        self.puts: dict[str, Member] = {
+            "action": self._act,
+            "connect": lambda given: self.clients.begin(given.client()),
+            "connected": self._set_connected,
+            "disconnect": lambda given: self.clients.remove(given.client()),
+            **absent("commandblind", "commandbool", "commandstring"),
+            **self.writable(),
+        }
+
+    def _set_connected(self, given: Parameters) -> None:
+        change = self.clients.add if given.flag("Connected") else self.clients.remove
+        change(given.client())
 
     def readable(self) -> Mapping[str, Member]:
         """Members of its kind that are read."""
@@ -117,28 +138,6 @@ class AlpacaDevice:
             raise AlpacaError(NOT_CONNECTED, f"{self.name} is not connected; put Connected = True first")
         return table[member](given)
 
-    def _common_gets(self) -> dict[str, Member]:
-        return {
-            "connected": lambda given: given.client() in self.clients,
-            "connecting": lambda given: self.clients.connecting(given.client()),
-            "description": constant(f"{self.name} of the calibration station's bench"),
-            "devicestate": lambda given: [{"Name": name, "Value": value} for name, value in self.state().items()],
-            "driverinfo": constant("calibration station, an Alpaca server for the devices of its bench"),
-            "driverversion": constant(program_version()),
-            "interfaceversion": constant(self.interface_version),
-            "name": constant(self.name),
-            "supportedactions": lambda given: [*self.actions, STOP],
-        }
-
-    def _common_puts(self) -> dict[str, Member]:
-        return {
-            "action": self._act,
-            "connect": lambda given: self.clients.begin(given.client()),
-            "connected": self._set_connected,
-            "disconnect": lambda given: self.clients.remove(given.client()),
-            **absent("commandblind", "commandbool", "commandstring"),
-        }
-
     def _act(self, given: Parameters) -> str:
         if is_stop("action", given):
             self.served.stop()
@@ -150,14 +149,7 @@ class AlpacaDevice:
             raise AlpacaError(ACTION_NOT_IMPLEMENTED, f"there is no action {name!r}; there are {offered}")
         return known[name.lower()](words)
 
-    # --- connections: the bench keeps its lines open; a device answers while at least one client is connected
-
-    def _set_connected(self, given: Parameters) -> None:
-        change = self.clients.add if given.flag("Connected") else self.clients.remove
-        change(given.client())
-
     def _connect(self) -> None:
-        """Connect missing devices. Raises InUse, DeviceError."""
         missing = [one for one in self.devices.values() if one.condition().word == "not connected"]
         if missing:
             with self.served.tenancy.held(f"the connecting of {self.name}"):
@@ -172,12 +164,13 @@ class Task:
         self._served = served
         self._thread: threading.Thread | None = None
         self.failure: Exception | None = None
-        self._halted = False
+        self.halted = False
+        """Whether the last operation was ended on request."""
         self._halting: Future[None] | None = None
 
     def halt(self, stop: Callable[[], None]) -> None:
         """End the operation by `stop`, which continues in the background after HALT_S. Raises what it does."""
-        self._halted = True
+        self.halted = True
         self._halting = self._served.stopper.submit(self._stop_until_ended, stop)
         with suppress(TimeoutError):
             self._halting.result(HALT_S)
@@ -193,11 +186,6 @@ class Task:
                 return
 
     @property
-    def was_halted(self) -> bool:
-        """Whether the last operation was ended on request."""
-        return self._halted
-
-    @property
     def running(self) -> bool:
         return self._thread is not None and self._thread.is_alive()
 
@@ -208,7 +196,7 @@ class Task:
 
     def begin(self, what: str, work: Callable[[], None]) -> None:
         """Start an operation in the background, after one that was halted. Raises InUse during another one."""
-        if self._halted and self._thread is not None:
+        if self.halted and self._thread is not None:
             self._thread.join(HALTED_S)
         if self._halting is not None:
             wait((self._halting,), HALTED_S)
@@ -220,18 +208,10 @@ class Task:
                     self._served.bench.check_stops(stops)
                 work()
             except Exception as error:  # reported to the clients that poll
-                self.failure = None if self._halted else error
+                self.failure = None if self.halted else error
 
-        self.failure, self._halted = None, False
+        self.failure, self.halted = None, False
         self._thread = self._served.tenancy.begin(what, run)
-
-
-def program_version() -> str:
-    """Version of this program."""
-    try:
-        return version("calibration-station")
-    except PackageNotFoundError:
-        return "0"
 
 
 def refuse_operation(message: str) -> AlpacaError:

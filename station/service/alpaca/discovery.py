@@ -11,10 +11,8 @@ QUESTION = b"alpacadiscovery1"
 
 
 class Discovery:
-    """Answers until closed; other servers on this machine may listen, too.
-
-    Raises BadParameter if it cannot listen on the port.
-    """
+    """Answers until closed; other servers on this machine may listen, too. Raises BadParameter if it cannot listen on
+    the port."""
 
     def __init__(self, served_port: int, host: str = "0.0.0.0", port: int = PORT) -> None:
         self._answer = json.dumps({"AlpacaPort": served_port}).encode()

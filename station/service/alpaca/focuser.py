@@ -41,7 +41,6 @@ class AxisFocuser(AlpacaDevice):
         return {"halt": lambda given: self._halt(), "move": self._move, **absent("tempcomp")}
 
     def state(self) -> Mapping[str, Any]:
-        """Position, if known, and whether it moves."""
         state: dict[str, Any] = {"IsMoving": self._task.running}
         try:
             state["Position"] = self._position()
@@ -59,7 +58,7 @@ class AxisFocuser(AlpacaDevice):
 
     def _is_moving(self) -> bool:
         self._task.check()
-        if self._task.was_halted:  # the axis stands before its driver has reported the end of the move
+        if self._task.halted:  # the axis stands before its driver has reported the end of the move
             return self._stage.moving()
         return self._task.running or self._bench.motions.motion_of(self._stage_name) is not None
 

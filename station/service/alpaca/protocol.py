@@ -51,9 +51,6 @@ def as_alpaca(error: Exception) -> AlpacaError:
     return AlpacaError(number, f"{type(error).__name__}: {error}")
 
 
-# --- Parameters: names are case-insensitive in a query, case-sensitive in a form (the standard, 2.2) ---
-
-
 LARGEST_ID = 2**32 - 1
 
 
@@ -122,9 +119,6 @@ class Parameters:
         return value
 
 
-# --- A photograph: the sensor's numbers, columns first, as JSON or as bytes ---
-
-
 Mosaic = npt.NDArray[np.uint16]
 BYTES = "application/imagebytes"
 HEADER = struct.Struct("<11i")
@@ -132,26 +126,17 @@ INT32, UINT16 = 2, 8
 """Element types of the standard: of the numbers, and of their transmission."""
 
 
-@dataclass(frozen=True)
-class SensorImage:
-    """The numbers of a full sensor (rows, columns), its white level, and its first red pixel (x, y).
-
-    `red` is None for a monochrome sensor.
-    """
-
-    levels: Mosaic
-    white: int
-    red: tuple[int, int] | None
-
-
-def sensor_image(planes: Sequence[Plane]) -> SensorImage:
+def sensor_image(planes: Sequence[Plane]) -> Mosaic:
     """Reassemble the planes of a photograph to the sensor's mosaic."""
     form = frame_format(planes)
     mosaic = np.zeros((form.rows, form.columns), np.uint16)
     for plane in planes:
         x, y = plane.origin
-        mosaic[y :: plane.pitch, x :: plane.pitch] = _levels(plane)
-    return SensorImage(mosaic, form.white, first_red(form))
+        scaled = plane.samples.astype(np.float64) * (plane.white - plane.black) + plane.black
+        mosaic[y :: plane.pitch, x :: plane.pitch] = np.clip(np.rint(scaled), 0, np.iinfo(np.uint16).max).astype(
+            np.uint16
+        )
+    return mosaic
 
 
 def first_red(form: FrameFormat) -> tuple[int, int] | None:
@@ -160,18 +145,6 @@ def first_red(form: FrameFormat) -> tuple[int, int] | None:
         return None
     y, x = divmod(form.cfa.index("R"), 2)
     return x, y
-
-
-def _levels(plane: Plane) -> Mosaic:
-    """The digital numbers of a plane."""
-    scaled = plane.samples.astype(np.float64) * (plane.white - plane.black) + plane.black
-    return np.clip(np.rint(scaled), 0, np.iinfo(np.uint16).max).astype(np.uint16)
-
-
-def nested(levels: Mosaic) -> list[list[int]]:
-    """The numbers as nested lists, by column."""
-    columns: list[list[int]] = levels.T.tolist()
-    return columns
 
 
 def image_bytes(levels: Mosaic, client: int, server: int) -> bytes:

@@ -13,13 +13,14 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.routing import Route
 
 from drivers.interfaces import Stage
+from station.common.versions import software
 from station.service.access import RIGHTS, STOP_ONLY, refused, token_required
 from station.service.alpaca.camera import BenchCamera
 from station.service.alpaca.clients import ClientList
 from station.service.alpaca.conditions import ProbeConditions
-from station.service.alpaca.device import AlpacaDevice, is_stop, program_version
+from station.service.alpaca.device import AlpacaDevice, is_stop
 from station.service.alpaca.focuser import AxisFocuser
-from station.service.alpaca.protocol import BYTES, INT32, BadRequest, Mosaic, Parameters, as_alpaca, image_bytes, nested
+from station.service.alpaca.protocol import BYTES, INT32, BadRequest, Parameters, as_alpaca, image_bytes
 from station.service.alpaca.switch import BenchSwitch, lines_of
 from station.service.answers import body_of
 from station.service.bench_state import ServedBench
@@ -94,7 +95,9 @@ class AlpacaServer:
         def make(client: int) -> Response:
             value = device.answer("GET" if reading else "PUT", member, given)
             if isinstance(value, np.ndarray):
-                return self._image(value, client, as_bytes)
+                if as_bytes:
+                    return Response(image_bytes(value, client, next(self._transactions)), media_type=BYTES)
+                return self._framed(client, Type=INT32, Rank=2, Value=value.T.tolist())
             return self._framed(client, **({} if value is None else {"Value": value}))
 
         threads = self._served.stopper if stops else device.polls
@@ -109,7 +112,6 @@ class AlpacaServer:
         return refused(503, f"the server shut down before {device.name} answered", "ask again once it runs")
 
     def _answered(self, given: Parameters, make: Callable[[int], Response]) -> Response:
-        """The answer of `make` to the client's number; an error becomes its number and message."""
         client = 0
         try:
             client = given.transaction()
@@ -125,16 +127,11 @@ class AlpacaServer:
         ids = {"ClientTransactionID": client, "ServerTransactionID": next(self._transactions)}
         return Response(json.dumps({"ErrorNumber": 0, "ErrorMessage": "", **ids, **fields}), media_type=JSON)
 
-    def _image(self, levels: Mosaic, client: int, as_bytes: bool) -> Response:
-        if as_bytes:
-            return Response(image_bytes(levels, client, next(self._transactions)), media_type=BYTES)
-        return self._framed(client, Type=INT32, Rank=2, Value=nested(levels))
-
 
 DESCRIPTION = {
     "ServerName": "Calibration station",
     "Manufacturer": "Calibration station",
-    "ManufacturerVersion": program_version(),
+    "ManufacturerVersion": software()["version"] or "0",
     "Location": "",
 }
 

@@ -11,7 +11,6 @@ from station.service.alpaca.protocol import INVALID_VALUE, NOT_IMPLEMENTED, Alpa
 from station.service.bench_state import ServedBench
 
 PULSE_S = 0.1
-"""Contact time of one photograph."""
 FARTHEST_MM = 1e5
 
 
@@ -98,31 +97,27 @@ def lines_of(bench: Bench) -> Sequence[SwitchLine]:
         lamp = cast(Light, bench.devices["light"])
         lines.append(SwitchLine("light", "level of the lamp, 1 is full light", 1.0, 0.01, lamp.level, lamp.set_level))
     if "shutter" in bench.devices:
-        lines += contacts_of(cast(Shutter, bench.devices["shutter"]))
+        shutter = cast(Shutter, bench.devices["shutter"])
+        pressed = [0.0]
+
+        def release(value: float) -> None:
+            if value > 0:
+                shutter.fire(PULSE_S)
+            else:
+                shutter.abort()
+
+        def focus(value: float) -> None:
+            shutter.focus(value > 0)
+            pressed[0] = float(value > 0)
+
+        words = f"closes the release contact for {PULSE_S:g} s: one photograph; off opens it at once"
+        lines += [
+            SwitchLine("release", words, 1.0, 1.0, lambda: 0.0, release),
+            SwitchLine("half-press", "the half-pressed button", 1.0, 1.0, lambda: pressed[0], focus),
+        ]
     if "rangefinder" in bench.devices:
         lines += laser_of(cast(Rangefinder, bench.devices["rangefinder"]))
     return lines
-
-
-def contacts_of(shutter: Shutter) -> list[SwitchLine]:
-    """The release contact, which opens by itself, and the half-press."""
-    pressed = [0.0]
-
-    def release(value: float) -> None:
-        if value > 0:
-            shutter.fire(PULSE_S)
-        else:
-            shutter.abort()
-
-    def focus(value: float) -> None:
-        shutter.focus(value > 0)
-        pressed[0] = float(value > 0)
-
-    words = f"closes the release contact for {PULSE_S:g} s: one photograph; off opens it at once"
-    return [
-        SwitchLine("release", words, 1.0, 1.0, lambda: 0.0, release),
-        SwitchLine("half-press", "the half-pressed button", 1.0, 1.0, lambda: pressed[0], focus),
-    ]
 
 
 def laser_of(laser: Rangefinder) -> list[SwitchLine]:

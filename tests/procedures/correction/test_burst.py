@@ -96,7 +96,7 @@ def changed(frame, samples):
     return replace(frame, planes={"Y": replace(frame.planes["Y"], samples=samples.astype(np.float32))})
 
 
-def test_blurred_bright_and_rotated_photographs_are_distinguished(photographs):
+def test_photographs_that_do_not_fit_together_are_distinguished_or_refused(photographs, field):
     noise = {"Y": noise_of(photographs[0].planes["Y"])}
     second = photographs[1].planes["Y"].samples
     turn = cv2.getRotationMatrix2D((80, 60), 1.5, 1)
@@ -107,9 +107,6 @@ def test_blurred_bright_and_rotated_photographs_are_distinguished(photographs):
     ]
     words = ("blur is different", "0.60 times as bright", "rotated relative to the first")
     assert all(word in reason for word, reason in zip(words, reasons, strict=True)), reasons
-
-
-def test_photographs_of_another_size_and_psfs_too_coarse_are_refused(photographs, field):
     cut = changed(photographs[1], photographs[1].planes["Y"].samples[:-2])
     with pytest.raises(BadInput, match=r"160 x 120.*160 x 118"):
         correct(photographs[0], {"Y": field}, others=[cut])

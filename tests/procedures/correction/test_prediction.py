@@ -33,25 +33,19 @@ def test_a_smoothed_picture_is_doubtful():
     assert not _smoothed(Prediction(before=np.array([[0.31]]), after=np.array([[0.4]]), **maps), 1).fails
 
 
-def test_mtf50_before_is_that_of_the_lens(predictions):
+def test_the_gain_of_mtf50_is_that_of_the_inverse_without_a_prior(predictions):
     # at the centre: a Gaussian of 0.7 pixels times an aperture of 0.7 pixels
     f = np.linspace(0, 0.5, 2001)
     expected = f[np.argmax(np.exp(-2 * np.pi**2 * 0.7**2 * f**2) * np.sinc(0.7 * f) < 0.5)]
     middle = predictions[3e-4].before[3, 4]
     assert middle == pytest.approx(expected, abs=0.01)  # the mean over directions of a square aperture
     assert predictions[3e-4].before[0, 0] < middle
-
-
-def test_a_weaker_prior_gains_more_and_costs_more(predictions):
     weak, usual, strong = (predictions[tau] for tau in (1e-5, 3e-4, 1.0))
     assert (weak.noise_gain > usual.noise_gain).all()
     assert (usual.noise_gain > strong.noise_gain).all()
     assert (weak.after >= usual.after).all()
     assert (usual.after > strong.after).all()
     assert (usual.after > usual.before).all()
-
-
-def test_without_noise_suppression_the_gain_is_that_of_the_inverse(predictions):
     # tau 1e-5 over 0.03 is small compared with |H|^2 > 0.003 except in the corners of the frequency square
     lens, n = SmallLens(SHAPE, 0.7, growth=1.0, coma=0.0), 128
     f = np.fft.fftfreq(n)

@@ -12,7 +12,7 @@ def masked(noise: np.ndarray, amount: float, radius: float) -> np.ndarray:
     return noise + amount * (noise - cv2.GaussianBlur(noise, (0, 0), radius))
 
 
-def test_unknown_pixels_do_not_count(rng: np.random.Generator) -> None:
+def test_noise_is_that_of_the_known_pixels_alone(rng):
     noise = rng.standard_normal((80, 80))
     known = rng.random((80, 80)) < 0.6
     with_rubbish = np.where(known, noise, 1e3)
@@ -22,9 +22,6 @@ def test_unknown_pixels_do_not_count(rng: np.random.Generator) -> None:
     both = known[3:, 2:] & known[:-3, :-2]
     i = next(i for i, at in enumerate(zip(*_lags(), strict=True)) if at == (2, 3))
     assert a.half_square[i] == pytest.approx(np.mean(right[both] ** 2) / 2)
-
-
-def test_finest_noise_is_that_of_white(rng: np.random.Generator) -> None:
     noise = 3 * rng.standard_normal((200, 200))
     smooth = cv2.GaussianBlur(rng.standard_normal((200, 200)), (0, 0), 1.5) * 5
     everywhere = np.ones(noise.shape, dtype=bool)
@@ -37,14 +34,11 @@ def scores(pictures: list[np.ndarray], *nuisances: np.ndarray) -> list[Strength]
     return mask_scores([Variogram.of(one, np.ones(one.shape, dtype=bool)) for one in pictures], (0.6, 1.0), nuisances)
 
 
-def test_scores_of_white_noise_have_a_standard_deviation_of_one(rng: np.random.Generator) -> None:
+def test_scores_have_a_standard_deviation_of_one_and_a_weak_mask_is_estimated(rng):
     found = np.array([[one.score for one in scores([rng.standard_normal((60, 60))])] for _ in range(200)])
     # a standard deviation from 200 is known to 5 %, its mean to 0.07
     np.testing.assert_allclose(found.std(axis=0), 1, atol=0.2)
     np.testing.assert_allclose(found.mean(axis=0), 0, atol=0.25)
-
-
-def test_amount_of_a_weak_mask_is_estimated_and_smoothing_is_negative(rng: np.random.Generator) -> None:
     noise = [rng.standard_normal((400, 400)) for _ in range(2)]
     (_, found) = scores([masked(one, 0.05, 1.0) for one in noise])
     # linear in the amount: a twentieth is too large by some per cent
@@ -64,7 +58,7 @@ def test_a_mask_is_estimated_by_its_own_radius(radius: float, rng: np.random.Gen
     assert found.score > 4
 
 
-def test_what_is_fitted_as_well_is_no_mask(rng: np.random.Generator) -> None:
+def test_what_is_fitted_as_well_is_no_mask_and_without_pairs_there_is_no_score(rng):
     noise = rng.standard_normal((400, 400)) + 0.5 * cv2.GaussianBlur(rng.standard_normal((400, 400)), (0, 0), 1.2) * 4
     f = np.linspace(0.01, 0.5, 50)
     texture = texture_correlation(f, np.exp(-2 * np.pi**2 * 1.2**2 * f**2))
@@ -72,15 +66,9 @@ def test_what_is_fitted_as_well_is_no_mask(rng: np.random.Generator) -> None:
     assert plain.score < -20
     assert abs(fitted.score) < 4
     assert fitted.uncertainty > plain.uncertainty
-
-
-def test_without_pairs_there_is_no_score(rng: np.random.Generator) -> None:
     (one, _) = scores([rng.standard_normal((15, 15))])
     assert (one.value, one.uncertainty, one.unseen) == (0.0, np.inf, 0.0)
     assert scores([]) == scores([np.zeros((80, 80))])
-
-
-def test_what_a_test_lets_pass_is_at_most_its_threshold() -> None:
     assert Strength(0.5, 0.1).unseen == pytest.approx(threshold() * 0.1)
     assert Strength(0.1, 0.1).unseen == 0.1
 

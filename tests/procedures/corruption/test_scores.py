@@ -22,7 +22,7 @@ def parts(rng: np.random.Generator, truth: Array, counts: tuple[int, ...]) -> tu
     return made, [directions, gram]
 
 
-def test_strength_and_uncertainty_are_those_of_least_squares(rng: np.random.Generator) -> None:
+def test_strengths_of_parts_are_those_of_least_squares(rng):
     truth = 0.2
     scores = []
     for _ in range(60):
@@ -32,30 +32,18 @@ def test_strength_and_uncertainty_are_those_of_least_squares(rng: np.random.Gene
     # the uncertainty is the larger of two that agree to a quarter: the scores are a little narrower than normal
     assert np.mean(scores) == pytest.approx(0, abs=3 / 60**0.5)
     assert 0.65 < np.std(scores) < 1.2
-
-
-def test_one_part_without_samples_changes_nothing(rng: np.random.Generator) -> None:
     made, (directions, gram) = parts(rng, np.array([0.5]), (300,))
     empty = SampleGroup(np.zeros((0, 5), np.float32), np.zeros((0, 2)), np.zeros(0), np.zeros(0, int))
     (alone,) = strengths(made, directions, gram, 1.0)
     (both,) = strengths([*made, empty], [*directions, np.zeros((0, 1))], gram, 1.0)
     assert both.value == pytest.approx(alone.value, rel=1e-9)
-
-
-def test_an_undetermined_strength_has_no_score() -> None:
     assert Strength().score == 0
     assert Strength().unseen == 0
-
-
-def test_a_ghost_lies_behind_the_window_of_its_picture(rng: np.random.Generator) -> None:
     samples = rng.random((60, 81)).astype(np.float32)
     whole = mirrored(samples, (0, 0), samples.shape)
     assert mirrored(samples, (13, 7), (20, 30)) == pytest.approx(whole[7:27, 13:43], abs=1e-12)
     # white noise of variance 1/12 after a Gaussian, mirrored
     assert np.var(whole[15:-15, 15:-15]) == pytest.approx(1 / 12 / (4 * np.pi * GHOST_PX**2), rel=0.4)
-
-
-def test_filters_leave_a_slope_as_it_is() -> None:
     slope = np.add.outer(0.01 * np.arange(40), 0.02 * np.arange(50))
     for name, change in (*filters(slope).items(), ("mask", mask(slope, 2.0))):
         assert np.abs(change[10:-10, 10:-10]).max() < 1e-6, name

@@ -60,16 +60,13 @@ def bracket():
     return conclude(measured(np.random.default_rng(1)), POSITIONS_MM)
 
 
-def test_a_bracket_gives_the_tilt_and_the_field_of_the_sharpest_position(bracket):
+def test_a_bracket_gives_the_tilt_and_the_field_of_the_sharpest_position_and_the_page_shows_them(bracket):
     numbers = bracket.focus.numbers()
     for name, expected in zip(("focus_tilt_x", "focus_tilt_y"), TILT_MM, strict=True):
         assert numbers[name].value == pytest.approx(expected, abs=4 * numbers[name].uncertainty + 0.004)
     centre = bracket.planes["R"].result().centre.h
     # noise of one sample 3e-4 before the mean of many
     np.testing.assert_allclose(centre, gaussian(0.5), atol=1e-3)
-
-
-def test_the_page_shows_the_best_focus_and_lateral_colour(bracket):
     results = [centre_result(name, outcome) for name, outcome in bracket.planes.items()]
     measurement = field_measurement(FieldParts(bracket), results, RecordHead("field"))
     page = procedure_named("field").page(measurement).decode()

@@ -40,15 +40,12 @@ def frame_nodes(shot):
     return measure_frame(read_frame(shot.path), CHART, PARAMETERS)
 
 
-def test_nodes_lie_at_the_charts_in_each_plane(shot, frame_nodes):
+def test_nodes_and_lateral_colour_are_those_of_the_charts_and_a_failed_chart_is_named(shot, frame_nodes):
     for plane, nodes in frame_nodes.nodes.items():
         assert [node.number for node in nodes] == [1, 3]  # from left to right; the middle one is hidden
         for node, chart in zip(nodes, (2, 0), strict=True):
             off = node.position - shot.true_points(plane, MIDDLE, chart)[0]
             assert np.all(np.abs(off) < 4 * np.sqrt(np.diag(node.position_covariance)) + 1e-3)
-
-
-def test_lateral_colour_is_the_difference_of_the_planes_places(shot, frame_nodes):
     # one half diagonal is 338 sensor pixels: at 205 of them from the axis red is 0.07 * 0.02 * 205 = 0.29 farther out
     for number, (red, green) in enumerate(zip(frame_nodes.nodes["R"], frame_nodes.nodes["G1"], strict=True)):
         shift = red.sensor_position - green.sensor_position
@@ -56,9 +53,6 @@ def test_lateral_colour_is_the_difference_of_the_planes_places(shot, frame_nodes
         expected = shot.truths[2 - 2 * number].colour_shift.at(0.6)
         assert abs(expected[0]) > 0.25
         np.testing.assert_allclose(shift, expected, atol=4 * error + 2e-3)
-
-
-def test_a_failed_chart_is_named_with_its_place(frame_nodes):
     assert {miss.plane for miss in frame_nodes.misses} <= {"R", "G1", "G2", "B"}
     assert all("hidden" in miss.reason and miss.source == "three.dng" for miss in frame_nodes.misses)
     assert all(miss.place.startswith("(1") for miss in frame_nodes.misses)  # in the middle of 320 pixels
@@ -85,7 +79,7 @@ def six():
     return RawFrame(Path("six.pgm"), "", {"Y": plane}, None), photograph.truths[0].optics
 
 
-def test_a_field_gives_the_cameras_mtf50_between_the_charts(six):
+def test_a_field_gives_mtf50_between_the_charts_and_refuses_too_few(six, shot):
     frame, optics = six
     psf = estimate_field([frame], CHART, PARAMETERS)["Y"].result().at(100.0, 140.0)
     mtf50 = assess(psf, n=6).numbers["mtf50_horizontal"]
@@ -93,9 +87,6 @@ def test_a_field_gives_the_cameras_mtf50_between_the_charts(six):
     true = f[np.flatnonzero(true_mtf(optics, f, 0.0) < 0.5)[0]]
     # four standard uncertainties, and a step of the frequencies
     assert abs(mtf50.value - true) < 4 * mtf50.uncertainty + 1e-3
-
-
-def test_a_plane_with_too_few_charts_is_refused_with_the_reason(shot):
     outcomes = estimate_field([read_frame(shot.path, ["G1"])], CHART, PARAMETERS)
     assert outcomes["G1"].verdict is Verdict.REFUSED
     assert "6 places of the frame or more; plane G1 has 2" in outcomes["G1"].reason

@@ -72,11 +72,8 @@ def test_tilt_and_curvature_are_those_of_the_lens(surface):
     assert bend.uncertainty < 0.01
 
 
-def test_the_sharpest_position_of_a_bracket_is_the_middle_one(bracket):
+def test_the_sharpest_position_is_the_middle_one_and_two_are_refused(bracket):
     assert sharpest(bracket) == pytest.approx(0.0)
-
-
-def test_two_positions_are_refused(bracket):
     two = {z: bracket[z] for z in list(bracket)[:2]}
     with pytest.raises(Refused, match="3 focus positions or more; there are 2"):
         focus_surface(two, SHAPE)

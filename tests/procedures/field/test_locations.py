@@ -25,13 +25,10 @@ def test_chosen_places_are_distinct_and_determine_a_surface(n):
     assert np.linalg.cond(monomials(2 * points - 1, 2)) < 10
 
 
-def test_places_are_visited_in_bands_of_alternating_direction():
+def test_chosen_places_determine_a_quartic_and_are_visited_in_bands():
     bands = chosen(9).reshape(3, 3, 2)
     assert bands[0, :, 1].max() <= bands[1, :, 1].min()
     assert [np.sign(band[-1, 0] - band[0, 0]) for band in bands] == [1, -1, 1]
-
-
-def test_fifteen_chosen_places_determine_a_quartic_and_a_grid_does_not():
     grid = np.array([(x, y) for x in np.linspace(-1, 1, 5) for y in np.linspace(-1, 1, 3)])
     assert np.linalg.matrix_rank(monomials(grid, 4)) < 15
     V = monomials(2 * chosen(15) - 1, 4)
@@ -45,13 +42,10 @@ def test_pan_and_tilt_bring_the_axis_to_the_place(location):
     np.testing.assert_allclose(F_PX * seen[:2] / seen[2] + CENTRE, location.in_pixels(SHAPE), atol=1e-9)
 
 
-def test_a_rail_brings_the_axis_to_the_place():
+def test_a_rail_brings_the_axis_to_the_place_and_fewer_than_three_are_refused():
     location = Location(0.2, 0.7)
     right, down = rail_mm(location, SHAPE, F_PX, 1200.0)
     image = F_PX * np.array([-right, -down]) / 1200.0 + CENTRE
     np.testing.assert_allclose(image, location.in_pixels(SHAPE), atol=1e-9)
-
-
-def test_fewer_than_three_places_are_refused():
     with pytest.raises(BadParameter, match="three places"):
         chosen_locations(2)

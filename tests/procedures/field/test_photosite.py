@@ -88,7 +88,7 @@ def test_the_quotient_is_the_mtf_of_the_lens(angle, pitch):
     np.testing.assert_allclose(quotient, lens_mtf(F), atol=1e-3)
 
 
-def test_the_uncertainty_includes_that_of_the_fill_factor():
+def test_numbers_without_the_photosite_have_the_uncertainty_of_its_fill_factor():
     # compared with the change when the fill factor is off by its uncertainty
     psf = camera_psf()
     sure, unsure, other = (
@@ -97,16 +97,10 @@ def test_the_uncertainty_includes_that_of_the_fill_factor():
     )
     added = np.sqrt(unsure[1][:2] ** 2 - sure[1][:2] ** 2)
     np.testing.assert_allclose(added, np.abs(other[0] - sure[0])[:2], rtol=0.05)
-
-
-def test_no_number_near_the_zero_of_the_photosite():
     # the lens's MTF50, at 1.9 cycles per pixel, lies beyond the photosite's first zero
     values, uncertainties = mtf50_about(camera_psf(1.0, sigma=0.1), 0.0, WithoutPhotosite(Photosite(1.0)))
     assert np.isnan(values).all()
     assert np.isnan(uncertainties).all()
-
-
-def test_curves_over_image_height_are_divided_too():
     field, frequency = everywhere(camera_psf()), 0.25
     (camera,), (lens,) = over_height(field, (frequency,)), over_height(field, (frequency,), WithoutPhotosite(ASSUMED))
     # all eight directions have the same angle to rows, columns and diagonals

@@ -24,7 +24,7 @@ def nodes(*psfs: Psf) -> list[Node]:
     return [Node(np.zeros(2), np.eye(2), np.zeros(2), one, "a.dng", number) for number, one in enumerate(psfs, 1)]
 
 
-def test_widening_keeps_the_transfer_function():
+def test_widening_keeps_the_transfer_function_with_the_covariance_of_repeated_widening(rng):
     narrow = psf()
     wide = widened(narrow, 17)
     assert wide.h.sum() == pytest.approx(1)
@@ -34,10 +34,6 @@ def test_widening_keeps_the_transfer_function():
         here, there = (otf(one, f * np.cos(turn), f * np.sin(turn)) for one in (narrow, wide))
         np.testing.assert_allclose(there, here, atol=1e-12)
     assert wide.tail_density_px == pytest.approx(narrow.tail_density_px)
-
-
-def test_its_covariance_is_that_of_repeated_widening(rng):
-    narrow = psf()
     root = np.sqrt(np.diag(narrow.parameter_covariance))
     drawn = []
     for _ in range(300):
@@ -46,18 +42,12 @@ def test_its_covariance_is_that_of_repeated_widening(rng):
     expected = np.diag(widened(narrow, 13).parameter_covariance)
     # a variance of 300 draws is right to 8 %, one sigma; the largest of 175 may be off by 3.5 of them
     np.testing.assert_allclose(np.var(drawn, axis=0), expected, rtol=0.3)
-
-
-def test_normalisation_propagates_the_covariance(rng):
     root = rng.standard_normal((15, 15))
     p, C = rng.uniform(0.5, 1, 15), root @ root.T
     step = 1e-6 * np.eye(15)
     unit = [Psf.of_unit_sum(p + d, C, 3, S).parameters for d in (*step, *-step)]
     J = (np.array(unit[:15]) - unit[15:]).T / 2e-6
     np.testing.assert_allclose(Psf.of_unit_sum(p, C, 3, S).parameter_covariance, J @ C @ J.T, atol=1e-6)
-
-
-def test_nodes_of_different_supports_get_the_widest():
     assert [node.psf.k for node in with_common_support(nodes(psf(9), psf(13)))] == [13, 13]
 
 

@@ -46,7 +46,7 @@ def flat():
     return problem, bundle, adjust(problem.flat_state(bundle.camera, bundle.poses), problem)
 
 
-def test_an_ideal_chart_and_equal_points_give_pycolmaps_solution(flat):
+def test_the_adjustment_of_a_flat_chart_is_pycolmaps(flat):
     problem, bundle, found = flat
     p = len(bundle.camera.params)
     sigma = np.sqrt(np.diag(found.covariance)[:p])
@@ -55,18 +55,12 @@ def test_an_ideal_chart_and_equal_points_give_pycolmaps_solution(flat):
     theirs = pycolmap_covariance(bundle, problem.nodes, problem.views) * 0.01**2
     # linearised at nearly the same state; our priors of the coefficients have no effect here
     np.testing.assert_allclose(found.covariance[:p, :p], theirs, rtol=2e-3, atol=1e-3 * sigma.min() ** 2)
-
-
-def test_the_sum_of_squares_is_that_of_noise(flat):
     problem, _, found = flat
     count = sum(2 * len(view) for view in problem.views)
     # the prior of decentring, a standard deviation of 3e-3, contributes 1e-6
     assert found.freedom == pytest.approx(count - 8 - 6 * len(problem.views), abs=1e-5)
     # chi square over its freedom: standard deviation sqrt(2 / freedom), of its root half of that
     assert abs(found.scale - 1) < 3 / np.sqrt(2 * found.freedom)
-
-
-def test_a_shape_without_freedom_leaves_that_of_the_ideal_chart(flat):
     # node errors of 1e-5 mm are a hundredth of the noise; their seven movements of the whole chart are excluded
     # already. Terms of 1e-6 mm are known by their priors alone
     problem, bundle, found = flat

@@ -22,13 +22,10 @@ TERMINATED = (
 POINTS = np.random.default_rng(5).uniform([-0.3, -0.2, 0.9], [0.3, 0.2, 1.3], (40, 3))
 
 
-def test_pixels_are_those_of_opencv_whose_centres_lie_at_integers_too():
+def test_pixel_centres_are_those_of_opencv_and_colmap():
     K = np.array([[900, 0, 320.25], [0, 910, 239.5], [0, 0, 1.0]])
     seen = cv2.projectPoints(POINTS[:, None], np.zeros(3), np.zeros(3), K, FULL.params[4:])[0][:, 0]
     np.testing.assert_allclose(FULL.project(POINTS), seen, atol=1e-9)
-
-
-def test_colmap_has_the_axis_half_a_pixel_further():
     axis = np.array([[0.0, 0.0, 1.0]])
     np.testing.assert_allclose(FULL.project(axis), [[320.25, 239.5]], atol=1e-12)
     np.testing.assert_allclose(FULL.colmap().img_from_cam(axis), [[320.75, 240.0]], atol=1e-12)
@@ -43,7 +40,7 @@ def test_rays_lead_back_to_their_pixels(model):
     np.testing.assert_allclose(bent.project(bent.rays(pixels)), pixels, atol=1e-6)
 
 
-def test_pinhole_derivatives_are_the_formulas():
+def test_derivatives_are_those_of_small_changes_and_unknown_models_are_refused():
     camera = simple_camera("PINHOLE", (900.0, 910.0), (320.0, 240.0), (640, 480))
     x, y, z = POINTS.T
     zero = np.zeros_like(x)
@@ -54,17 +51,11 @@ def test_pinhole_derivatives_are_the_formulas():
     # central differences of a smooth function in double precision: 1e-9 of the largest derivative
     np.testing.assert_allclose(camera.by_params(POINTS), by_params, atol=1e-7)
     np.testing.assert_allclose(camera.by_points(POINTS), by_points, atol=1e-6)
-
-
-def test_the_derivative_by_pose_predicts_a_small_change():
     pose, change = Pose(np.eye(3), np.array([0.01, -0.02, 0.1])), 1e-5 * np.array([1, -2, 3, 4, 5, -6.0])
     points = pose.apply(POINTS)
     moved = FULL.project(moved_pose(pose, change).apply(POINTS)) - FULL.project(points)
     # second order: the change, up to 6e-5 of the distance, squared times some thousand pixels
     np.testing.assert_allclose(by_pose(FULL.by_points(points), points) @ change, moved, atol=5e-6)
-
-
-def test_unknown_models_are_refused_with_a_list_of_the_known_ones():
     with pytest.raises(BadParameter, match="no camera model 'BROWN'; name one of SIMPLE_RADIAL"):
         parameter_names("BROWN")
 

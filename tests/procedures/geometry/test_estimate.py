@@ -11,7 +11,7 @@ from .conftest import PLAIN, SMALL
 from .simulated_views import CELL_MM, apart, fixed_to_charts, similarity, take
 
 
-def test_the_true_parameters_lie_within_their_uncertainties(geometry):
+def test_the_true_camera_lies_within_the_stated_uncertainties(geometry, taken):
     truth = {
         "fx": PLAIN.focal_px[0], "fy": PLAIN.focal_px[1], "cx": PLAIN.centre[0], "cy": PLAIN.centre[1],
         "k1": PLAIN.radial[0], "k2": PLAIN.radial[1], "p1": PLAIN.tangential[0], "p2": PLAIN.tangential[1],
@@ -19,9 +19,6 @@ def test_the_true_parameters_lie_within_their_uncertainties(geometry):
     error = np.array([geometry.numbers()[name].value - value for name, value in truth.items()])
     # Mahalanobis distance of eight numbers: a chi square of 8 degrees, beyond 26 once in a thousand
     assert error @ np.linalg.solve(geometry.covariance, error) < 26
-
-
-def test_the_frame_is_projected_as_well_as_stated(geometry, taken):
     pixels = geometry.camera.frame_grid(9, 7)
     distance = geometry.maps[0].distance_mm
     poses = [one.pose for one in geometry.views]
@@ -30,9 +27,6 @@ def test_the_frame_is_projected_as_well_as_stated(geometry, taken):
     # one draw of a smooth field of a few freedoms: its rms is rarely beyond twice what is expected
     assert np.sqrt(np.mean(np.sum(error**2, axis=1))) < 2.5 * stated
     assert np.sqrt(np.mean(np.sum(apart(geometry.camera, PLAIN) ** 2, axis=1))) < 0.02
-
-
-def test_the_bend_of_the_sheet_is_recovered(geometry, taken):
     R, t, s = similarity(taken.nodes, taken.true_nodes)
     true = ((taken.true_nodes - t) @ R) / s - taken.nodes
     error = geometry.shape.deviations_mm - true
@@ -61,29 +55,22 @@ def test_a_model_that_is_too_simple_is_named_as_doubtful():
     assert found.value.misfit.rms_px > 0.02  # thin prism of 6e-4 r^2: a tenth of a pixel and more at the rim
 
 
-def test_two_views_are_refused(taken):
+def test_two_views_are_refused_and_few_are_doubtful(taken):
     found = calibrate_geometry(taken.views[:2], PLAIN.size, GeometryParameters(CELL_MM), nodes=taken.nodes)
     assert (found.value, found.verdict) == (None, Verdict.REFUSED)
     assert "needs 3 views of the chart and better 12; there are 2" in found.reason
-
-
-def test_few_views_are_doubtful(taken):
     parameters = GeometryParameters(CELL_MM, model="OPENCV")
     found = calibrate_geometry(taken.views[:5], PLAIN.size, parameters, nodes=taken.nodes)
     assert "5 views are too few" in found.reason
 
 
 @pytest.mark.slow
-def test_charts_square_to_the_camera_are_refused_for_that():
+def test_charts_square_to_the_camera_or_tilted_to_one_side_are_refused_for_that():
     taken = take(replace(SMALL, camera=PLAIN, tilt_deg=0.0, bend_mm=0.0), np.random.default_rng(6))
     found = calibrate_geometry(taken.views, PLAIN.size, GeometryParameters(CELL_MM, model="OPENCV"), nodes=taken.nodes)
     assert (found.value, found.verdict) == (None, Verdict.REFUSED)
     assert "square to the camera" in found.reason
     assert "turned by 20 to 40 degrees" in found.remedy
-
-
-@pytest.mark.slow
-def test_charts_tilted_to_one_side_are_refused_for_that():
     taken = take(replace(SMALL, camera=PLAIN, tilt_deg=30.0, bend_mm=0.0), np.random.default_rng(6))
     view = max(taken.views, key=lambda one: greatest_tilt(taken.nodes, [one]))
     found = calibrate_geometry([view] * 6, PLAIN.size, GeometryParameters(CELL_MM), nodes=taken.nodes)

@@ -44,16 +44,13 @@ def test_the_projection_carries_the_doubt_only_as_far_as_the_data_leave_it(of_pr
     assert 0.2 < np.sqrt(np.mean(z**2)) < 1.8
 
 
-def test_a_lens_without_prism_keeps_the_precision_of_the_projection():
+def test_a_lens_without_prism_keeps_its_precision():
     _, _, found = calibrated(NO_PRISM)
     pixels = found.camera.frame_grid(9, 7)[16:-16]
     noise, stated = (
         projection_uncertainty(found.adjustment, pixels, 700.0, without_doubt=one) for one in (True, False)
     )
     assert np.sqrt(np.mean(stated**2)) < 1.3 * np.sqrt(np.mean(noise**2))
-
-
-def test_terms_of_a_model_are_no_missing_ones():
     pixels = np.array([[0.0, 0.0], [3000.0, 2000.0]])
     counts = {
         model: missing_terms(simple_camera(model, (3000.0, 3000.0), (2000.0, 1500.0), (4000, 3000)), pixels).shape[-1]

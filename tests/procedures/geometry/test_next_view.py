@@ -69,16 +69,13 @@ def _camera():
     return simple_camera("PINHOLE", (900.0, 900.0), (320.0, 240.0), (641, 481))
 
 
-def test_successive_planned_views_tilt_to_several_sides_and_reduce_the_uncertainty():
+def test_planned_views_tilt_to_several_sides_and_none_is_planned_for_too_large_a_chart():
     views, poses = planned(LONG, 5, (0.25, 0.3))
     reached = [one.after for one in views]
     assert {one.at[0] for one in views} <= {0.25, 0.5, 0.75}
     assert sorted(reached, reverse=True) == reached
     assert reached[-1] < reached[0] / 5**0.5  # as by the same view five times
     assert len({tuple(np.round(pose.R[2], 1)) for pose in poses}) >= 3
-
-
-def test_no_view_is_planned_where_the_chart_is_larger_than_the_frame():
     assert planned_view(LONG, [], chart_nodes(5.0), 1700.0, 0.02, (0.25, 0.3)) is None
 
 
@@ -105,7 +102,7 @@ def test_six_planned_views_cover_as_much_of_the_frame_as_a_result_needs(size, ri
     assert outline >= COVER - 0.02  # the least gain of a view
 
 
-def test_no_planned_view_is_too_oblique_for_detection_before_or_after_its_turn():
+def test_planned_views_are_not_too_oblique_and_enclose_the_expected_area():
     # a wide lens: its corners are 37 degrees off the axis
     camera = simple_camera("OPENCV", (2000.0, 2000.0), (1499.5, 999.5), (3000, 2000))
     poses = planned(camera, 12, (0.1, 0.1))[1]
@@ -113,9 +110,6 @@ def test_no_planned_view_is_too_oblique_for_detection_before_or_after_its_turn()
         sight = pose.t / np.linalg.norm(pose.t)
         for one in (pose, before) if before else (pose,):
             assert np.degrees(np.arccos(sight @ one.R[:, 2])) <= STEEPEST_DEG + 1e-6
-
-
-def test_charts_in_the_corners_enclose_the_expected_area():
     nodes = chart_nodes(0.3)
     width = 4000 * np.ptp(nodes[:, 0]) / 1700.0
     enclosed = (0.6 * 639 + width) * (0.5 * 479 + width) / (640 * 480)

@@ -96,14 +96,11 @@ def test_all_six_numbers_are_within_their_uncertainties_in_twenty_draws():
     assert np.sqrt(np.mean(every**2)) > 0.4
 
 
-def test_the_print_s_scale_is_in_the_baseline(cameras):
+def test_a_rig_names_what_makes_its_pairs_doubtful_or_refused(cameras):
     found = estimate_rig([replace(cameras[0], cell_uncertainty=0.05), cameras[1]]).value
     length = np.linalg.norm(TRUE.t)
     assert found.numbers()["baseline"].uncertainty == pytest.approx(0.05 * length, rel=0.05)
     assert found.numbers()["turn"].value == pytest.approx(np.degrees(np.linalg.norm([0.02, 0.1, 0.01])), abs=0.2)
-
-
-def test_a_photograph_of_another_time_is_doubtful(cameras):
     first, second = cameras
     swapped = [
         replace(second.views[i], source=name) for i, name in zip([1, 0, *range(2, 8)], second.sources, strict=True)
@@ -112,10 +109,6 @@ def test_a_photograph_of_another_time_is_doubtful(cameras):
     outcome = estimate_rig([first, replace(second, views=tuple(swapped), poses=poses)])
     assert outcome.verdict is Verdict.DOUBTFUL
     assert "taken at one time" in outcome.remedy
-
-
-def test_charts_are_matched_by_name_or_else_by_order(cameras):
-    first, second = cameras
     few = chosen(second, [5, 0, 3, 6])
     assert sorted(estimate_rig([first, few]).value.charts) == [f"view0{i}" for i in (0, 3, 5, 6)]
     other = chosen(second, list(range(8)), "right-")
@@ -124,9 +117,6 @@ def test_charts_are_matched_by_name_or_else_by_order(cameras):
     assert refused.verdict is Verdict.REFUSED
     assert "no name in common" in refused.reason
     assert "3 charts" in estimate_rig([first, chosen(second, [0, 1])]).reason
-
-
-def test_charts_of_other_sizes_are_refused(cameras):
     outcome = estimate_rig([cameras[0], replace(cameras[1], nodes=1.1 * cameras[1].nodes)])
     assert "widths of their charts differ" in outcome.reason
 

@@ -9,13 +9,10 @@ from procedures.numerics.transforms import integral_of_j0, j0, j1
 X = np.concatenate([[0.0, 1e-9], np.linspace(-30, 30, 301), [123.4, 1000.7]])
 
 
-def test_j0_and_j1_agree_with_scipy():
+def test_j0_j1_and_the_integral_of_j0_agree_with_scipy():
     np.testing.assert_allclose(j0(X), scipy.special.j0(X), atol=2e-14)
     np.testing.assert_allclose(j1(X), scipy.special.j1(X), atol=2e-14)
     assert j0(0.0) == 1
-
-
-def test_integral_of_j0_is_that_of_a_quadrature_and_has_j0_for_its_slope():
     # not scipy.special.itj0y0, which before SciPy 1.17 is wrong beyond 20
     x = X[X > 0][::3]
     integrals = [quad(scipy.special.j0, 0, one, limit=400, epsabs=1e-11)[0] for one in x]

@@ -17,7 +17,7 @@ def matern(a: float, radius: float, length: float) -> np.ndarray:
     return np.outer(sigma, sigma) * (1 + u + u**2 / 3) * np.exp(-u)
 
 
-def test_parameters_of_the_prior_are_recovered(rng: np.random.Generator) -> None:
+def test_the_prior_and_the_gradient_of_its_likelihood_are_those_defined(rng):
     truth = np.array([0.03, 2.5, 3.0])
     C = matern(*truth)
     errors = 0.002**2 * np.eye(K * K)
@@ -27,17 +27,11 @@ def test_parameters_of_the_prior_are_recovered(rng: np.random.Generator) -> None
     # a kernel holds some ten independent values: each logarithm is known to about 0.4, the mean of twenty to 0.1;
     # the start, which regularises the search a little, lies 0.4 to 0.9 away
     np.testing.assert_allclose(np.mean(estimates, axis=0), np.log(truth), atol=0.35)
-
-
-def test_the_prior_is_the_one_defined() -> None:
     truth = np.array([0.02, 3.0, 4.0])
     C = kernel_prior._Prior.at(np.log(truth), K).C
     # up to the uncorrelated fraction
     np.testing.assert_allclose(C, matern(*truth), atol=2 * kernel_prior.ROUGHNESS * 0.02**2)
     np.testing.assert_allclose(np.diag(C), np.diag(matern(*truth)))
-
-
-def test_gradient_of_the_likelihood(rng: np.random.Generator) -> None:
     errors = 1e-6 * (np.eye(K * K) + 0.5)
     h = np.exp(-r2 / 8) / 25 + 1e-3 * rng.standard_normal(K * K)
     at = np.log([0.02, 3.0, 4.0])

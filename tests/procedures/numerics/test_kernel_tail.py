@@ -70,24 +70,15 @@ def test_shapes_fall_as_their_names_say_and_vary_with_direction_alone(k: int, re
     np.testing.assert_allclose(turning, mean * waves, atol=1e-15)
 
 
-def test_signs_are_those_of_the_reflected_shapes() -> None:
+def test_spectra_and_columns_are_those_of_the_tails_shapes(rng):
     kernels = tail_kernels(K)
     np.testing.assert_allclose(kernels[:, :, ::-1], MIRRORED[:, None, None] * kernels, atol=1e-15)
     np.testing.assert_allclose(kernels[:, ::-1], MIRRORED[:, None, None] * kernels, atol=1e-15)
     np.testing.assert_allclose(kernels.transpose(0, 2, 1), EXCHANGED[:, None, None] * kernels, atol=1e-15)
-
-
-def test_spectra_of_many_frequencies_are_those_of_each(rng: np.random.Generator) -> None:
     fx, fy = rng.uniform(-0.5, 0.5, (2, KEPT + 1))
     each = np.vstack([tail_spectra(fx[:9], fy[:9], K), tail_spectra(fx[9 : 9 + KEPT], fy[9 : 9 + KEPT], K)])
     np.testing.assert_allclose(tail_spectra(fx, fy, K)[: len(each)], each, atol=1e-14)
-
-
-def test_spectrum_starts_at_the_sum() -> None:
     np.testing.assert_allclose(tail_spectra(np.zeros(1), np.zeros(1), K)[0], tail_sums(K), atol=1e-12)
-
-
-def test_columns_are_the_convolutions(rng: np.random.Generator) -> None:
     s, border = 3, tail_border(K)
     u = rng.standard_normal((s * 9 + 1 + 2 * border, s * 12 + 1 + 2 * border)).astype(np.float32)
     rows, columns = (grid.ravel() for grid in np.mgrid[:10, :13])
@@ -100,7 +91,7 @@ def test_columns_are_the_convolutions(rng: np.random.Generator) -> None:
     np.testing.assert_array_equal(tail_columns(u, rows, columns, s, K, 2), found[:, :2])
 
 
-def test_light_from_far_is_the_sum_over_the_pixels(rng: np.random.Generator) -> None:
+def test_light_from_far_is_the_sum_over_the_pixels_in_units_of_each(rng):
     s, picture = 2, np.zeros((300, 280))
     spot = (150 + 60, 140 - 45)  # 75 pixels from the pixel that is asked
     picture[spot] = 1.0
@@ -113,9 +104,6 @@ def test_light_from_far_is_the_sum_over_the_pixels(rng: np.random.Generator) -> 
     assert far_light(picture, (140, 150), (1, 1), s, K)[0, 0] == pytest.approx(ring, rel=0.01)
     # the picture goes on beyond its edges as it ends there
     np.testing.assert_allclose(far_light(picture, (0, 290), (10, 20), s, K), ring, rtol=0.01)
-
-
-def test_light_from_far_is_in_units_of_the_levels_and_of_each_pixel(rng: np.random.Generator) -> None:
     picture = rng.uniform(-0.5, 0.5, (150, 140))
     whole = far_light(picture, (20, 30), (40, 60), 2, K)
     raised = far_light(100 + 800 * (picture + 0.5), (20, 30), (40, 60), 2, K, levels=(100, 900))

@@ -18,21 +18,15 @@ def test_a_polynomial_of_its_degree_is_reproduced(degree):
     np.testing.assert_allclose(predicted, monomials(POINTS, degree) @ c, atol=1e-10)
 
 
-def test_values_of_larger_weight_count_more():
+def test_weights_and_stiffness_of_a_plate_act_as_they_should():
     trust = np.ones(25)
     trust[7] = 1e8
     w = Polynomial(PLACES, trust, 2).weights(PLACES[7:8])[0]
     assert w[7] == pytest.approx(1, abs=1e-5)
-
-
-def test_a_plate_without_stiffness_interpolates_and_reproduces_planes():
     plate = ThinPlate(PLACES, TRUST)
     np.testing.assert_allclose(plate.weights(PLACES), np.eye(25), atol=1e-9)
     plane = PLACES @ [2.0, -1.0] + 3
     np.testing.assert_allclose(plate.weights(POINTS) @ plane, POINTS @ [2.0, -1.0] + 3, atol=1e-9)
-
-
-def test_a_very_stiff_plate_is_a_weighted_plane():
     stiff = ThinPlate(PLACES, TRUST, 1e7).weights(POINTS)
     np.testing.assert_allclose(stiff, Polynomial(PLACES, TRUST, 1).weights(POINTS), atol=1e-5)
 
@@ -60,12 +54,9 @@ def test_the_nearest_point_of_a_hull_is_in_it_and_no_other_is_nearer(seed):
     assert np.linalg.norm(mixtures - point, axis=1).min() >= np.linalg.norm(near - point) - 1e-9
 
 
-def test_places_on_a_line_have_no_hull():
+def test_a_hull_has_the_area_of_its_corners_and_a_line_has_none():
     with pytest.raises(ValueError, match="not lie on one line"):
         Hull(np.array([(0.0, 0.0), (1.0, 1.0), (2.0, 2.0)]))
-
-
-def test_area_of_a_hull_is_that_of_its_corners():
     square = np.array([(0.0, 0.0), (3.0, 0.0), (3.0, 2.0), (0.0, 2.0), (1.0, 1.0)])
     assert hull_area(square) == pytest.approx(6)
     assert hull_area(square[:2]) == hull_area(np.array([(0.0, 0.0), (1.0, 1.0), (2.0, 2.0)])) == 0

@@ -48,12 +48,9 @@ def test_spline_is_the_partial_fourier_series_of_the_cells(rng: np.random.Genera
     assert np.abs(read(coefficients, 8, (x, x)) - exact).max() < 2e-5 + 2 * (band / 8) ** 4
 
 
-def test_constant_cells_stay_constant() -> None:
+def test_cells_stay_constant_and_keep_the_band_of_the_target(rng):
     coefficients = cell_image_spline(CellSpectra.of(np.full((N, N), 0.3)), Band(N, 3, np.eye(2), 0.5))
     assert np.abs(coefficients - 0.3).max() < 1e-6  # float32
-
-
-def test_band_limit_follows_the_axes_of_the_target() -> None:
     turn = np.radians(30)
     J = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     impulse = np.zeros((N, N))
@@ -64,9 +61,6 @@ def test_band_limit_follows_the_axes_of_the_target() -> None:
     outside = (np.abs(along_target) > 0.4).any(axis=0)
     assert spectrum[outside].max() < 1e-5 * spectrum.max()
     assert spectrum[~outside].min() > 0.05 * spectrum.max()
-
-
-def test_outlines_are_the_derivative_for_a_shift_of_every_edge(rng: np.random.Generator) -> None:
     # a cell of 1 on 0 grown by d on all sides gains its perimeter times d: 4 d for a lone cell
     cells = np.zeros((N, N))
     cells[10, 12] = 1
@@ -74,7 +68,7 @@ def test_outlines_are_the_derivative_for_a_shift_of_every_edge(rng: np.random.Ge
     assert outline.sum() / 4**2 == pytest.approx(4, rel=1e-5)
 
 
-def test_map_shifts_the_image(rng: np.random.Generator) -> None:
+def test_photographs_are_interpolated_between_their_pixels_and_shifted_by_a_map(rng):
     cells = rng.random((N, N))
     coefficients = cell_image_spline(CellSpectra.of(cells), Band(N, 4, np.eye(2), 0.4))
     x = np.arange(8.0, 20, 0.5)
@@ -85,9 +79,6 @@ def test_map_shifts_the_image(rng: np.random.Generator) -> None:
     bent = read_spline(coefficients, grid, np.zeros(2), 1.0, displacement, np.array([8.0, 8.0]), 0.5, shape)
     one = read_spline(coefficients, grid, *PLAIN, np.array([x[7] * 1.02, x[9] + 0.001 * x[9] ** 2]), 1.0, (1, 1))
     assert bent[9, 7] == pytest.approx(one[0, 0], abs=1e-5)
-
-
-def test_photograph_is_interpolated_between_its_pixels() -> None:
     y, x = np.indices((90, 120), dtype=float)
     waves = [(0.11, 0.05, 0.3), (-0.04, 0.13, 1.1)]  # cycles per pixel along x and y, phase
 

@@ -22,11 +22,8 @@ def test_factors_solve_and_invert_their_product(rng, n):
     assert (np.triu(inverse, 1) == 0).all()
 
 
-def test_single_precision_stays_single():
+def test_single_precision_stays_single_and_fast_lengths_are_least_products():
     L = np.linalg.cholesky(np.eye(3, dtype=np.float32) * 4)
     assert solve_factored(L, np.ones(3, np.float32)).dtype == np.float32
-
-
-def test_fast_lengths_are_the_least_products_of_two_three_and_five():
     lengths = range(1, 3000)
     assert [next_fast_len(n) for n in lengths] == [scipy.fft.next_fast_len(n, real=True) for n in lengths]

@@ -31,7 +31,7 @@ def test_fit_returns_the_homography_that_made_the_points(angle: float, scale: fl
     assert np.abs(mapped - target).max() < 1e-8 * (1 + np.abs(target).max())
 
 
-def test_fit_minimises_the_distance_in_the_target(rng: np.random.Generator) -> None:
+def test_homographies_fit_in_the_target_with_their_jacobian(rng):
     target = apply_homography(H_TILTED, SQUARE) + rng.normal(0, 0.3, SQUARE.shape)
 
     def cost(H: np.ndarray) -> float:
@@ -41,23 +41,14 @@ def test_fit_minimises_the_distance_in_the_target(rng: np.random.Generator) -> N
     for _ in range(20):
         nearby = best * (1 + 1e-4 * rng.standard_normal((3, 3)))
         assert cost(best) <= cost(nearby)
-
-
-def test_four_points_are_enough_and_three_are_too_few() -> None:
     np.testing.assert_allclose(fit_homography(SQUARE[:4], apply_homography(H_TILTED, SQUARE[:4])), H_TILTED, atol=1e-9)
     with pytest.raises(ValueError, match="four points; got 3"):
         fit_homography(SQUARE[:3], SQUARE[:3])
-
-
-def test_jacobian_is_the_limit_of_differences() -> None:
     p, step = np.array([100.0, 60.0]), 1e-4
     moves = step * np.eye(2)
     slopes = (apply_homography(H_TILTED, p + moves) - apply_homography(H_TILTED, p - moves)).T / (2 * step)
     # central differences of a smooth map: the third derivative times step^2
     np.testing.assert_allclose(homography_jacobian(H_TILTED, p), slopes, rtol=1e-7)
-
-
-def test_monomials_follow_their_exponents() -> None:
     monomials = cubic_monomials(np.array([2.0]), np.array([3.0]))[0]
     assert monomials.tolist() == [2.0**i * 3.0**j for i, j in CUBIC_EXPONENTS]
 
@@ -67,12 +58,9 @@ def bent(rng: np.random.Generator) -> CubicWarp:
     return CubicWarp(H_TILTED, np.array([100.0, 60.0]), 80.0, 0.3 * rng.standard_normal((2, 9)))
 
 
-def test_backward_undoes_forward(bent: CubicWarp, rng: np.random.Generator) -> None:
+def test_maps_are_inverted_displaced_and_derived(bent, rng):
     points = rng.uniform(40, 160, (50, 2))
     np.testing.assert_allclose(bent.backward(bent.forward(points)), points, atol=1e-6)
-
-
-def test_displaced_map_moves_by_its_columns_and_keeps_its_mean(bent: CubicWarp, rng: np.random.Generator) -> None:
     points, change = rng.uniform(40, 160, (200, 2)), 1e-4 * rng.standard_normal((2, 9))
     monomials = bent.monomials(points)
     moves = np.stack([displacement_columns(np.eye(2)[[axis] * 200], monomials) @ change.ravel() for axis in (0, 1)], 1)
@@ -81,9 +69,6 @@ def test_displaced_map_moves_by_its_columns_and_keeps_its_mean(bent: CubicWarp, 
     local = np.linalg.solve(bent.derivative(points), shift[..., None])[..., 0]
     assert np.abs(local - moves).max() < 0.05 * np.abs(moves).max()
     assert np.abs(moves.mean(axis=0)).max() < 1e-12
-
-
-def test_derivative_without_displacement_is_the_jacobian(bent: CubicWarp) -> None:
     plain = replace(bent, displacement=np.zeros((2, 9)))
     np.testing.assert_allclose(plain.derivative(plain.centre[None])[0], plain.jacobian(), rtol=1e-6)
 

@@ -12,17 +12,12 @@ from .filling import winding
 
 
 @pytest.mark.slow
-def test_the_chart_itself_is_unchanged(source: Source) -> None:
+def test_edges_leave_the_chart_and_are_alike_in_outlines_and_pixels(source):
     per_cell = 2
     plain, edged = bitmap(source.chart, per_cell), bitmap(source.with_edges().chart, per_cell)
     framed = plain.shape[0]
     np.testing.assert_array_equal(edged[:framed, :framed], plain)
     assert outline(source.with_edges().chart)[:-2] == outline(source.chart)
-
-
-@pytest.mark.slow
-def test_outlines_and_pixels_show_the_same_edges(source: Source) -> None:
-    per_cell = 2
     chart = source.with_edges().chart
     image = bitmap(chart, per_cell)
     inside = winding(outline(chart), -64 + 0.5 / per_cell, 1 / per_cell, len(image))

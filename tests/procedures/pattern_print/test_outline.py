@@ -4,14 +4,13 @@ import pytest
 from procedures.pattern import BLACK_BLOCKS, BLOCK, X_CORNER_BLOCKS
 from procedures.pattern_print.formats import bitmap
 from procedures.pattern_print.sheet import outline
-from procedures.pattern_print.source import Source
 
 from .filling import winding
 
 pytestmark = pytest.mark.slow
 
 
-def test_area_of_the_outlines_is_that_of_all_black_parts(source: Source) -> None:
+def test_outlines_have_the_area_of_the_black_parts_without_seams_by_either_rule(source):
     area = 0.0
     for loop in outline(source.chart):
         x, y = np.array(loop).T
@@ -19,9 +18,6 @@ def test_area_of_the_outlines_is_that_of_all_black_parts(source: Source) -> None
     black_cells = np.count_nonzero(source.chart.cells == 0)
     # a block has 32^2 cells, the two triangles of an x-corner half of that; sums of whole numbers are exact
     assert area == black_cells + len(BLACK_BLOCKS) * BLOCK**2 + len(X_CORNER_BLOCKS) * BLOCK**2 / 2
-
-
-def test_no_edge_is_passed_twice_so_that_no_seam_can_show(source: Source) -> None:
     seen = set()
     for loop in outline(source.chart):
         for (x0, y0), (x1, y1) in zip(loop, [*loop[1:], loop[0]], strict=True):
@@ -32,9 +28,6 @@ def test_no_edge_is_passed_twice_so_that_no_seam_can_show(source: Source) -> Non
                 edge = frozenset([here, (here[0] + dx, here[1] + dy)])
                 assert edge not in seen
                 seen.add(edge)
-
-
-def test_non_zero_and_even_odd_rule_fill_the_chart_alike(source: Source) -> None:
     per_cell = 2
     image = bitmap(source.chart, per_cell)
     inside = winding(outline(source.chart), -64 + 0.5 / per_cell, 1 / per_cell, len(image))

@@ -24,29 +24,17 @@ def _decoded(data: bytes) -> Bitmap:
     return image.astype(np.uint8)
 
 
-def test_png_gives_back_every_pixel(image: Bitmap, source: Source) -> None:
+def test_png_and_pgm_give_back_every_pixel_with_size_and_seed(image, source):
     np.testing.assert_array_equal(_decoded(png(image, source, Size(300))), image)
-
-
-def test_pgm_gives_back_every_pixel(image: Bitmap, source: Source) -> None:
     np.testing.assert_array_equal(_decoded(pgm(image, source, Size(300))), image)
-
-
-def test_png_knows_its_size_in_print(image: Bitmap, source: Source) -> None:
     data = png(image, source, Size(300))
     at = data.index(b"pHYs") + 4
     across, along, unit = struct.unpack(">IIB", data[at : at + 9])
     # twelve blocks are 360 mm; the format counts whole pixels per metre, here one in 4267
     assert (across, unit) == (along, 1)
     assert image.shape[1] / across == pytest.approx(0.360, rel=1 / 4267)
-
-
-def test_files_name_the_seed(image: Bitmap, source: Source) -> None:
     assert b"seed 20120323" in pgm(image, source, Size(300))
     assert b"seed 20120323" in png(image, source, Size(300))
-
-
-def test_cells_are_inside_two_blocks_of_margin_and_frame(image: Bitmap, source: Source) -> None:
     inner = image[64 * PER_CELL : -64 * PER_CELL, 64 * PER_CELL : -64 * PER_CELL]
     assert inner.shape == (CELLS * PER_CELL, CELLS * PER_CELL)
     np.testing.assert_array_equal(inner[PER_CELL // 2 :: PER_CELL, PER_CELL // 2 :: PER_CELL], 255 * source.chart.cells)

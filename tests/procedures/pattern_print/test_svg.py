@@ -24,21 +24,12 @@ def root(data: bytes) -> ET.Element:
 
 
 @pytest.mark.slow
-def test_one_unit_is_one_millimetre(root: ET.Element) -> None:
+def test_one_unit_is_one_millimetre_and_the_path_fills_the_cells_of_the_seed(root, source):
     assert (root.get("width"), root.get("height"), root.get("viewBox")) == ("420mm", "594mm", "0 0 420 594")
-
-
-@pytest.mark.slow
-def test_path_fills_the_cells_of_the_seed(root: ET.Element, source: Source) -> None:
     path = root.find(f"{SVG}path[@id='chart']")
     assert path is not None
     inside = winding(svg_loops(path.get("d", "")), 0.5, 1.0, CELLS)
     np.testing.assert_array_equal(inside == 0, source.chart.cells == 1)
-
-
-@pytest.mark.slow
-def test_path_is_put_at_the_chart_s_place_and_scale(root: ET.Element) -> None:
-    path = root.find(f"{SVG}path[@id='chart']")
     assert path is not None
     place, scale = path.get("transform", "").replace("(", " ").replace(")", "").split(" scale ")
     # 300 mm are 320 cells; the chart stands in the middle of 420 mm of paper, the noise a block of 30 mm further in

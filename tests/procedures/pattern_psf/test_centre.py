@@ -19,22 +19,16 @@ def test_centre_of_symmetry_is_the_centre(x0: float, y0: float) -> None:
     np.testing.assert_allclose(mark_offset(blur(x0, y0), S, J), [x0, y0], atol=5e-4)
 
 
-def test_mark_is_black_above_and_below_and_white_beside() -> None:
+def test_a_mark_is_black_above_and_below_and_coma_moves_it_towards_its_tail(rng):
     mark = _x_corner(J, 8)
     y, x = np.mgrid[-8:9, -8:9]
     u, v = J @ np.array([x.ravel(), y.ravel()])
     inside = abs(abs(u) - abs(v)) > np.abs(J).sum()  # pixels that no edge crosses
     np.testing.assert_array_equal(mark.ravel()[inside], np.sign(abs(u) - abs(v))[inside])
     assert mark[8, 8] == pytest.approx(0, abs=0.1)
-
-
-def test_coma_moves_the_mark_towards_its_tail() -> None:
     offset = mark_offset(blur(0, 0, coma=0.3), S, J)
     assert 0.02 < offset[0] < 0.3
     assert abs(offset[1]) < 0.03
-
-
-def test_gradient_is_the_limit_of_differences(rng: np.random.Generator) -> None:
     h = blur(0.05, 0.02, coma=0.1)
     change = 1e-5 * rng.standard_normal(h.shape)
     difference = mark_offset(h + change, S, J) - mark_offset(h - change, S, J)

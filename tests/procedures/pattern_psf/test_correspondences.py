@@ -46,21 +46,15 @@ def test_bins_err_independently(bench):
     assert abs(neighbours) < 4 / np.sqrt(2 * BINS * (BINS - 1))
 
 
-def test_normal_equations_are_summed_bin_by_bin(rng):
+def test_bins_are_summed_row_by_row_without_those_that_tell_little(rng):
     slopes, residual, which = rng.standard_normal((50, 2)), rng.standard_normal(50), rng.integers(0, 3, 50)
     JJ, Jr = normal_equations(slopes, residual, which, 4)
     part = which == 2
     np.testing.assert_allclose(JJ[2], slopes[part].T @ slopes[part])
     np.testing.assert_allclose(Jr[2], slopes[part].T @ residual[part])
     assert not JJ[3].any()
-
-
-def test_bins_that_tell_little_are_left_out():
     JJ = np.stack([np.eye(2) * one for one in (1.0, 0.9, 1.1, 0.1, 0.0)])
     np.testing.assert_array_equal(informed(JJ), [0, 1, 2])
-
-
-def test_centres_go_row_by_row():
     centres = bin_centres()
     np.testing.assert_allclose(centres[0], 256 / 48)
     np.testing.assert_allclose(centres[1] - centres[0], [256 / 24, 0])

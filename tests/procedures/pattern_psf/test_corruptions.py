@@ -116,19 +116,13 @@ def found(outcome: Outcome[PatternPsf]) -> Quantity:
     return outcome.result().quality.numbers[MTF50_HORIZONTAL]
 
 
-def test_a_print_whose_dots_show_is_as_sharp_as_they_are_fine(rng):
+def test_the_blur_of_a_print_follows_from_its_dots(rng):
     dots = rng.uniform(-0.5, 0.5, 514) * 0.05  # offsets of lines that are rounded to dots of 0.05 cells
     assert print_prior(dots) == pytest.approx(PRINTED_DOTS * 0.05, rel=0.1)
     vibration = np.concatenate([np.zeros(257), dots[257:]])  # a printer rounds both axes
     assert print_prior(vibration) == print_prior(np.zeros(0)) == PRINT_UNKNOWN
-
-
-def test_the_blur_of_a_print_is_a_share_of_its_cells():
     with pytest.raises(BadParameter, match="the print's blur must be 0 to 1 cells"):
         PatternParameters(print_blur=1.5)
-
-
-def test_a_lens_too_sharp_for_the_grid_is_no_sharpened_photograph():
     shot = photograph(902025, CORRUPTIONS["clean"], source="bayer", scene="chart")
     outcome = estimate_psf(shot.plane, Chart.from_seed())
     assert outcome.verdict is Verdict.DOUBTFUL

@@ -195,11 +195,8 @@ def changed(bench: Bench, samples: np.ndarray) -> Plane:
     return Plane("Y", np.asarray(samples, dtype=np.float32), 1e-5)
 
 
-def test_other_cells_are_refused(bench: Bench, rng: np.random.Generator) -> None:
+def test_other_and_rotated_cells_are_refused(bench, rng):
     refused(bench.plane(0.005, rng), "other cells", Chart.from_seed(2))
-
-
-def test_rotated_cells_are_refused(bench: Bench, rng: np.random.Generator) -> None:
     refused(bench.plane(0.005, rng), "other cells", Chart(np.rot90(CHART.cells).copy()))
 
 
@@ -207,20 +204,11 @@ def test_no_chart_is_refused(rng: np.random.Generator) -> None:
     refused(Plane("Y", rng.random((200, 300)).astype(np.float32), 1e-5), "no chart")
 
 
-def test_clipped_white_is_refused(bench: Bench) -> None:
+def test_clipped_dark_coarse_and_faint_charts_are_refused(bench, rng):
     refused(changed(bench, np.minimum(3 * bench.clean, 1)), "clipped")
-
-
-def test_darkness_is_refused(bench: Bench, rng: np.random.Generator) -> None:
     dark = 0.01 * bench.clean + 0.004 * rng.standard_normal(bench.clean.shape)
     assert estimate_psf(changed(bench, dark), CHART).verdict is Verdict.REFUSED
-
-
-def test_coarse_steps_are_refused_as_too_dark(bench: Bench) -> None:
     refused(Plane("Y", (np.round(bench.clean * 10) / 10).astype(np.float32), 0.1), "digital numbers above black")
-
-
-def test_faint_chart_is_refused_as_too_dark(bench: Bench, rng: np.random.Generator) -> None:
     refused(changed(bench, 0.01 * bench.clean), "too dark")
 
 

@@ -58,26 +58,18 @@ def test_response_that_no_parabola_is_moves_the_psf_unless_it_is_known() -> None
 
 
 @pytest.mark.slow
-def test_response_is_undone_and_known() -> None:
+def test_response_and_noise_are_the_sensors_and_white_beyond_saturation_is_refused():
     without, by_sensor = found(None), found(SENSOR)
     assert abs(without.diagnostics["response_curvature"]) > 0.02
     assert abs(by_sensor.diagnostics["response_curvature"]) < 3 * 4 * 0.0003
     budget = by_sensor.quality.budgets["mtf50_horizontal"]
     assert 0 < budget["sensor"] < without.quality.budgets["mtf50_horizontal"]["light"]
     assert without.quality.budgets["mtf50_horizontal"]["sensor"] == 0
-
-
-@pytest.mark.slow
-def test_noise_is_the_sensors() -> None:
     # the noise follows that model, so the residual has its size
     assert found(SENSOR).residual_std == pytest.approx(1, abs=0.03)
     # with four times the variance the normalised residual is half as large
     noisier = replace(SENSOR, gain=1.2, dark_variance=16.0)
     assert found(noisier).residual_std == pytest.approx(0.5, abs=0.02)
-
-
-@pytest.mark.slow
-def test_white_beyond_saturation_is_refused() -> None:
     outcome = estimate_psf(plane(), CHART, sensor=replace(SENSOR, saturation=2000.0))
     assert outcome.verdict is Verdict.REFUSED
     assert "97% of the sensor's saturation" in outcome.reason

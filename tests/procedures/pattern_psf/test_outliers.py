@@ -14,7 +14,7 @@ def observation(y: np.ndarray, noise: float = 0.01) -> Observation:
     return Observation(rows, columns, points, flat, np.full(n, 1 / noise), np.zeros((n, 6)), np.zeros((n, 9)))
 
 
-def test_single_samples_are_told_from_specks() -> None:
+def test_single_samples_are_told_from_specks_and_from_what_no_light_makes():
     whole = observation(np.zeros((20, 20)))
     excluded = np.zeros((20, 20), dtype=bool)
     excluded[[0, 5, 19], [0, 7, 3]] = True  # at the rim, too
@@ -23,9 +23,6 @@ def test_single_samples_are_told_from_specks() -> None:
     counts = excluded_samples(whole, whole.where(~excluded.ravel()))
     assert counts.stray == 3
     assert counts.connected == 6 / 400
-
-
-def test_only_what_no_light_of_the_chart_makes_is_beyond_reach() -> None:
     # half of the contrast beyond white or black, and six standard deviations of noise
     y = np.array([[-0.57, -0.55, 0.0, 1.0, 1.55, 1.57]])
     assert within_levels(observation(y)).y.tolist() == [-0.55, 0.0, 1.0, 1.55]

@@ -40,7 +40,7 @@ def test_moving_all_lines_moves_the_chart(bench: Bench, columns) -> None:
     assert np.linalg.norm(C(np.ones(len(o.y))).apply(every) - expected) < 0.1 * np.linalg.norm(expected)
 
 
-def test_offsets_come_back(columns, rng: np.random.Generator) -> None:
+def test_offsets_come_back_and_noise_alone_has_none(columns, rng):
     _, o, _, C = columns
     truth = 0.03 * rng.standard_normal(2 * LINES)
     noise = 0.004
@@ -51,10 +51,6 @@ def test_offsets_come_back(columns, rng: np.random.Generator) -> None:
     assert rms == pytest.approx(0.03, rel=0.15)
     assert left == pytest.approx(1, rel=0.15)
     assert np.corrcoef(edges.estimator(rms, left)(v), truth)[0, 1] > 0.9
-
-
-def test_noise_alone_has_no_offsets(columns, rng: np.random.Generator) -> None:
-    _, o, _, C = columns
     assert C(np.full(len(o.y), 1 / 0.004)).widths(rng.standard_normal(len(o.y)))[0] < 0.006
 
 

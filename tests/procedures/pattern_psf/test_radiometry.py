@@ -27,21 +27,14 @@ def _second_order(p: np.ndarray) -> np.ndarray:
     return np.stack([p[:, 0] ** 2, p[:, 0] * p[:, 1], p[:, 1] ** 2], axis=1)
 
 
-def test_noise_of_the_blocks_is_the_noise_added(bench: Bench, rng: np.random.Generator) -> None:
+def test_levels_and_noise_of_the_blocks_withstand_clipping_shade_and_specks(bench, rng):
     _, registration = bench.marks()
     light = measure_light(bench.plane(0.02, rng).samples, registration, 1e-5)
     # some 700 pixels a colour: a variance known to sqrt(2/700) = 5 %, three of these, and what blur leaves in
     assert light.variance_white == pytest.approx(0.02**2, rel=0.2)
     assert light.variance_black == pytest.approx(0.02**2, rel=0.2)
-
-
-def test_clipped_white_is_counted(bench: Bench) -> None:
-    _, registration = bench.marks()
     brighter = np.minimum(2 * bench.clean, 1.0).astype(np.float32)
     assert measure_light(brighter, registration, 1e-5).saturated > 0.9
-
-
-def test_a_shaded_block_does_not_tilt_the_levels(bench: Bench) -> None:
     corners, registration = bench.marks()
     samples = bench.clean.astype(np.float32)
     honest = measure_light(samples, registration, 1e-5)
@@ -50,9 +43,6 @@ def test_a_shaded_block_does_not_tilt_the_levels(bench: Bench) -> None:
     shaded[y - 6 : y + 8, x + 8 : x + 22] *= 0.3
     found = measure_light(shaded, registration, 1e-5)
     assert abs(found.contrast / honest.contrast - 1) < 0.01
-
-
-def test_specks_on_the_blocks_are_no_noise(bench: Bench, rng: np.random.Generator) -> None:
     _, registration = bench.marks()
     clean = bench.plane(0.01, rng).samples
     honest = measure_light(clean, registration, 1e-5)

@@ -7,15 +7,12 @@ from procedures.pattern_psf.rasterise import Window, band_limited_chart, frame_c
 from .conftest import CHART, Bench
 
 
-def test_frame_has_the_blocks_where_the_chart_has_them() -> None:
+def test_frame_and_x_corners_are_rasterised_where_the_chart_has_them():
     cells = frame_cells()
     for blocks, value in ((BLACK_BLOCKS, 0.0), (WHITE_BLOCKS, 1.0)):
         for column, row in blocks:
             block = cells[row * BLOCK : (row + 1) * BLOCK, column * BLOCK : (column + 1) * BLOCK]
             assert (block == value).all()
-
-
-def test_x_corners_are_two_triangles_of_half_the_block() -> None:
     column, row = X_CORNER_BLOCKS[1]
     block = frame_cells()[row * BLOCK : (row + 1) * BLOCK, column * BLOCK : (column + 1) * BLOCK]
     assert block.mean() == 0.5

@@ -20,15 +20,11 @@ def together(found: PatternPsf) -> np.ndarray:
     return np.block([[found.psf.parameter_covariance, shared], [shared.T, found.centre_covariance]])
 
 
-def test_a_bin_at_the_chart_s_centre_would_share_what_the_centre_does(found):
+def test_psf_and_centre_have_one_covariance_with_their_bins(found):
     middle = found.registration.to_sensor(np.full((1, 2), CELLS / 2))
     (there,) = found.shared.of_points(found.registration, middle)
     whole = together(found)
     np.testing.assert_allclose(there, whole[-2:], atol=1e-9 * np.abs(whole[-2:]).max())
-
-
-def test_psf_and_centre_have_one_covariance(found):
-    whole = together(found)
     spread = np.sqrt(np.diag(whole))
     assert np.linalg.eigvalsh(whole / np.outer(spread, spread)).min() > -1e-9
     # the mark offset, and so the first moment relative to it, is a part of the centre's position

@@ -70,17 +70,13 @@ def test_what_s_and_k_leave_out_is_doubted_and_never_wrong(s: int, k: int) -> No
 
 
 @pytest.mark.slow
-def test_doubt_says_which_support_would_do() -> None:
+def test_the_energy_outside_is_the_optics_own_and_a_known_aperture_narrows_it(rng):
     outcome = estimate_psf(exposed(photograph(), np.random.default_rng(0)), CHART, PatternParameters(4, 9))
     assert outcome.value is not None
     better = outcome.value.choice[-1].better
     assert better is not None
     assert better[1] > 9
     assert f"-k {better[1]}" in outcome.remedy
-
-
-@pytest.mark.slow
-def test_energy_outside_the_support_is_the_optics_own() -> None:
     estimate, _ = found(PatternParameters(4, 17))
     n = 1024
     f = np.fft.fftfreq(n) * 4
@@ -89,10 +85,6 @@ def test_energy_outside_the_support_is_the_optics_own() -> None:
     share, uncertainty = estimate.psf.energy_outside
     # the transform's period of 256 pixels folds 2 / (pi^2 f_c 128) = 0.001 of the light back
     assert abs(share - (1 - inside)) < 3 * uncertainty + 0.001
-
-
-@pytest.mark.slow
-def test_known_aperture_narrows_the_tail(rng: np.random.Generator) -> None:
     from procedures.quality import Diffraction
 
     plane = exposed(photograph(), rng)
@@ -105,17 +97,13 @@ def test_known_aperture_narrows_the_tail(rng: np.random.Generator) -> None:
 
 
 @pytest.mark.slow
-def test_wrong_aperture_is_doubted(rng: np.random.Generator) -> None:
+def test_a_wrong_aperture_and_a_sharpened_picture_are_doubted_and_the_budget_adds_up(rng):
     from procedures.quality import Diffraction
 
     limit = Diffraction(f_number=2.0, pixel_pitch_um=1.62 * 0.55 * 5.6, wavelength_nm=550)
     outcome = estimate_psf(exposed(photograph(), rng), CHART, None, limit)
     assert outcome.verdict is Verdict.DOUBTFUL
     assert "f-number" in outcome.reason
-
-
-@pytest.mark.slow
-def test_budget_adds_up() -> None:
     estimate, _ = found()
     for name, number in estimate.quality.numbers.items():
         terms = estimate.quality.budgets[name]
@@ -124,10 +112,6 @@ def test_budget_adds_up() -> None:
     assert terms["noise"] > 0
     assert terms["tail"] > 0
     assert terms["choice"] > 0
-
-
-@pytest.mark.slow
-def test_sharpened_picture_is_told(rng: np.random.Generator) -> None:
     plane = exposed(photograph(), rng)
     blurred = (plane.samples + np.roll(plane.samples, 1, 0) + np.roll(plane.samples, -1, 0)) / 3
     blurred = (blurred + np.roll(blurred, 1, 1) + np.roll(blurred, -1, 1)) / 3
@@ -152,7 +136,7 @@ def test_noise_shows_a_mask_whose_psf_a_softer_lens_could_have(amount: float, ra
 
 
 @pytest.mark.slow
-def test_known_aperture_shows_a_wide_mask(rng: np.random.Generator) -> None:
+def test_wide_masks_and_half_a_defocused_chart_are_told(rng):
     from procedures.quality import Diffraction
 
     plane = exposed(photograph(), rng)
@@ -161,10 +145,6 @@ def test_known_aperture_shows_a_wide_mask(rng: np.random.Generator) -> None:
     outcome = estimate_psf(Plane("Y", masked, plane.quantisation), CHART, PatternParameters(4, 17, chosen=True), limit)
     assert outcome.verdict is Verdict.DOUBTFUL
     assert "as in a sharpened picture" in outcome.reason
-
-
-@pytest.mark.slow
-def test_half_out_of_focus_is_told_with_both_halves(rng: np.random.Generator) -> None:
     sharp = photograph()
     soft = light(circular(1.62, fill=0.9, blur_px=0.5), CHART, View())
     left = np.arange(sharp.shape[1]) < sharp.shape[1] / 2

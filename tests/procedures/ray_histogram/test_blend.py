@@ -34,7 +34,7 @@ def textured(rng):
     return truth[:, :, None] * rng.gamma(1.0, 1.0, (32, 32, 32, 1)), albedo, truth
 
 
-def test_weights_follow_the_known_truth(rng):
+def test_weights_follow_the_truth_and_the_albedo(rng, textured):
     # left of the middle the first candidate is true and the second has an error as large as the noise, right the other
     truth = np.full((48, 48, 3), 0.4)
     wrong = truth + 0.05
@@ -45,9 +45,6 @@ def test_weights_follow_the_known_truth(rng):
     np.testing.assert_allclose(sum(weights.values()), 1.0, rtol=1e-12)
     assert weights["other"][:, :16].mean() < 0.15
     assert weights["other"][:, 32:].mean() > 0.85
-
-
-def test_albedo_saves_a_texture_that_histograms_cannot_tell_from_noise(textured):
     samples, albedo, truth = textured
     halves, whole = halves_of_samples({"samples": samples, "albedo": albedo})
     blended, weights = blend(halves, whole)
@@ -65,7 +62,7 @@ def test_a_worthless_candidate_does_not_harm(light):
     assert error(spoiled.picture, 0.4) < 1.5 * error(alone.picture, 0.4)
 
 
-def test_a_good_candidate_from_outside_is_used(rng):
+def test_blends_use_good_candidates_and_do_not_divide_lamps(rng):
     # noise of a whole grid of tiles, which a histogram filter keeps and the candidate knows
     y, x = np.mgrid[:32, :32]
     truth = np.repeat((0.3 + 0.4 * ((x + y) % 2))[..., None], 3, axis=2)
@@ -73,9 +70,6 @@ def test_a_good_candidate_from_outside_is_used(rng):
     halves, whole = halves_of_samples({"samples": samples})
     _, weights = blend(halves, whole, denoiser=lambda render: truth)
     assert weights[DENOISED] > 0.4
-
-
-def test_two_pictures_of_means_are_halves(rng):
     # no histograms: the variance follows from the difference of the pictures
     truth = gaussian_filter(rng.random((40, 40, 3)), (6, 6, 0)) + 0.2
     first, second = ({"image": truth + 0.05 * rng.standard_normal(truth.shape)} for _ in range(2))
@@ -85,9 +79,6 @@ def test_two_pictures_of_means_are_halves(rng):
     assert error(blended.picture, truth) < 0.2 * error(whole.film.mean, truth)
     # the error of a smooth picture has some tens of independent parts
     assert 0.8 < (np.abs(blended.picture - truth) <= 2 * blended.uncertainty).mean() < 0.99
-
-
-def test_lamps_are_not_divided_by_their_albedo():
     albedo = np.array([[[0.0, 0.0, 0.01], [0.0, 0.5, 7.0]]])
     np.testing.assert_array_equal(divisor(albedo), [[[1, 1, 1], [0.05, 0.5, 1]]])
 

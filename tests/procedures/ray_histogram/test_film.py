@@ -7,15 +7,12 @@ from procedures.outcome import BadInput
 from procedures.ray_histogram.film import BINS, Film, film_of_samples
 
 
-def test_mean_and_variance_are_those_of_all_samples(rng):
+def test_a_film_has_the_moments_and_one_vote_of_every_sample(rng):
     samples = rng.gamma(0.5, 1.0, (3, 4, 50, 3))
     film = film_of_samples(samples)
     np.testing.assert_allclose(film.mean, samples.mean(2), rtol=1e-13)  # rounding of 50 additions
     np.testing.assert_allclose(film.variance, samples.var(2, ddof=1), rtol=1e-12)
     assert (film.count == 50).all()
-
-
-def test_every_sample_gives_each_colour_one_vote(rng):
     film = film_of_samples(rng.lognormal(0, 2, (2, 2, 200, 3)))
     np.testing.assert_allclose(film.histogram.sum(-1), 200, rtol=1e-5)  # votes are float32
     assert (film.histogram >= 0).all()
@@ -29,12 +26,9 @@ def test_a_sample_on_a_node_votes_for_one_bin(v, bin_):
     np.testing.assert_allclose(film.histogram[0, 0], [expected] * 3, atol=1e-5)
 
 
-def test_a_sample_between_nodes_votes_for_both_in_proportion():
+def test_histograms_agree_with_the_published_renderers_in_constant_memory(cornell, rng):
     film = film_of_samples(np.full((1, 1, 1, 3), 7.5 * (3.25 / 18) ** 2.2))
     np.testing.assert_allclose(film.histogram[0, 0, 1, 3:5], [0.75, 0.25], atol=1e-5)
-
-
-def test_histograms_agree_with_the_published_renderers(cornell):
     # the mean light from the published histograms is the picture's wherever no sample exceeded the range; triangular
     # votes overestimate a convex function by less than the widest bin's sagitta
     film = cornell[256]
@@ -45,9 +39,6 @@ def test_histograms_agree_with_the_published_renderers(cornell):
     assert inside.mean() > 0.3
     assert excess.min() > -0.002
     assert excess.max() < 0.02
-
-
-def test_memory_does_not_grow_with_samples(rng):
     film = Film.blank(2, 2)
     before = [id(array) for array in vars(film).values()]
     for _ in range(3):
@@ -80,24 +71,15 @@ def test_samples_that_are_not_finite_are_dropped_and_counted(bad):
     np.testing.assert_array_equal(film.mean, 1.0)
 
 
-def test_a_sample_outside_the_film_is_refused():
+def test_samples_and_films_that_do_not_fit_are_refused(rng):
     with pytest.raises(BadInput, match="the film of 2 x 2; got rows 0 to 2, columns 0 to 0"):
         Film.blank(2, 2).add([0, 2], [0, 0], np.ones((2, 3)))
-
-
-def test_films_of_different_size_are_not_merged():
     with pytest.raises(BadInput, match=r"\(2, 2\) and \(2, 3\)"):
         Film.blank(2, 2).merge(Film.blank(2, 3))
-
-
-def test_an_empty_pixel_is_refused_with_its_position(rng):
     film = Film.blank(2, 2)
     film.add([0, 0, 1], [0, 1, 0], rng.random((3, 3)))
     with pytest.raises(BadInput, match="1 of 4 pixels are empty, the first at row 1, column 1"):
         film.checked()
-
-
-def test_value_that_single_precision_cannot_sum_is_refused(rng):
     samples = rng.random((2, 2, 4, 3))
     samples[1, 0, :, 2] = 1e31
     with pytest.raises(BadInput, match=r"1 of 4 pixels are beyond 1e\+30"):

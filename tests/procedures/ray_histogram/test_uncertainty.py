@@ -57,7 +57,7 @@ def test_detail_that_the_filter_may_remove_raises_the_uncertainty(light):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("samples", [64, 256])
+@pytest.mark.parametrize("samples", [pytest.param(64, marks=pytest.mark.nightly), 256])
 def test_nineteen_of_twenty_values_are_within_two_sigma(cornell, reference, samples):
     film = cornell[samples].checked()
     filtered = filter_film(film, threads=2)

@@ -106,15 +106,12 @@ def test_what_is_no_such_array_is_refused(value, words):
         checked_array(value, "x", ("k", "k", 2), low=-1, high=2, remedy="drop it")
 
 
-def test_an_array_is_given_in_double_precision_or_as_it_is():
+def test_an_array_or_number_is_given_as_it_is():
     whole = np.arange(6, dtype=np.uint8).reshape(3, 2)
     assert checked_array(whole, "x", (None, 2)).dtype == np.float64
     assert checked_array(whole, "x", (None, 2), dtype=None) is whole
     assert checked_array([], "x", (0,)).size == 0
     assert np.isnan(checked_array([np.nan], "x", finite=False)).all()
-
-
-def test_a_number_is_one():
     assert checked_number(3, "x") == 3.0
     for wrong in ([3], "3", True, None, 1e31, -1e31):
         with pytest.raises(BadInput, match="x must be"):

@@ -25,14 +25,11 @@ def test_what_the_camera_did_not_write_stays_unknown(write_dng):
     assert exposure == Exposure(camera="Bench One", sources={"camera": "EXIF"})
 
 
-def test_zero_apex_values_are_no_f1_and_one_second(shared_data):
+def test_zero_and_old_exposures_are_read_as_they_are_meant(shared_data):
     # LibRaw reads this file's zero ApertureValue and ShutterSpeedValue as f/1 and 1 s
     exposure = read_frame(shared_data / "raw" / "tinydng_colorchart.dng").exposure
     assert (exposure.f_number, exposure.exposure_s) == (None, None)
     assert exposure.camera == "Canon EOS Kiss X4"
-
-
-def test_old_camera_tells_its_exposure(shared_data):
     exposure = read_frame(shared_data / "raw" / "RAW_KODAK_DC50.KDC").exposure
     assert (exposure.f_number, exposure.exposure_s) == (6.2, 0.00435)
     assert (exposure.focal_length_mm, exposure.subject_distance_mm) == (37, 8200)

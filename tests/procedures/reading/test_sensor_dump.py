@@ -39,14 +39,11 @@ def test_size_that_disagrees_is_told_in_bytes(more):
         layout.read(bytes(96 + more), "x.raw")
 
 
-def test_bytes_in_the_other_order_are_found_by_their_bits():
+def test_the_order_of_bytes_and_of_first_pixels_is_shown():
     levels = np.full((6, 8), 900, "<u2")
     assert (DumpLayout.parse("8x6,RGGB,u16le,64,1000").read(levels.tobytes(), "x.raw") == 900).all()
     with pytest.raises(BadInput, match=r"a white of 1000 samples must be at most 1023; x\.raw has 33795"):
         DumpLayout.parse("8x6,RGGB,u16be,64,1000").read(levels.tobytes(), "x.raw")
-
-
-def test_first_pixels_follow_the_order():
     assert DumpLayout.parse("8x6,GBRG,u8,0,255").first_pixels() == {
         "R": (1, 0),
         "G1": (1, 1),

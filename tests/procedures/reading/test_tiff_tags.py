@@ -7,21 +7,15 @@ from hypothesis import strategies as st
 from procedures.reading.tiff_tags import ACTIVE_AREA, BLACK_LEVEL, image_directories, mosaic_tags
 
 
-def test_mosaic_of_a_camera_dng_tells_its_black_and_its_area(shared_data):
+def test_tags_of_a_mosaic_and_its_sub_directories_are_read_and_other_files_give_none(shared_data):
     with (shared_data / "raw" / "tinydng_colorchart.dng").open("rb") as file:
         tags = mosaic_tags(file)
     assert tags[BLACK_LEVEL] == (2056,)
     assert tags[ACTIVE_AREA] == (26, 152, 1182, 1886)
-
-
-def test_sub_directories_are_found(shared_data):
     with (shared_data / "raw" / "linear_no_mosaic.dng").open("rb") as file:
         directories = image_directories(file)
     assert (2736,) not in [tags.get(256) for tags in directories]
     assert {tags.get(256) for tags in directories} >= {(256,), (1224,)}
-
-
-def test_raw_files_of_other_kinds_give_no_tags(shared_data):
     with (shared_data / "raw" / "RAW_KODAK_DC50.KDC").open("rb") as file:
         assert mosaic_tags(file) == {}
 

@@ -42,7 +42,7 @@ def compared(case, restored, reference):
     return compare_to_ground_truth(restored, [planes(z[0]) for z in case.z], planes(reference))
 
 
-def test_the_error_is_the_true_one_for_any_position_and_brightness(case, restored):
+def test_error_position_and_softness_are_separated_from_the_ground_truth(case, restored):
     near = compared(case, restored, truth_of(case)).value.ground_truth
     assert near.light == pytest.approx(1, abs=0.003)
     # without the rim, where the ground truth is not compared
@@ -52,24 +52,15 @@ def test_the_error_is_the_true_one_for_any_position_and_brightness(case, restore
     assert far.light == pytest.approx(0.7, rel=0.005)
     assert far.error == pytest.approx(near.error, rel=0.1)
     assert np.isfinite(far.difference).mean() == pytest.approx(far.compared)
-
-
-def test_position_is_estimated_to_fractions_of_a_pixel(case, restored):
     # detail as fine as a pixel cannot be interpolated: the error is that of a softer ground truth
     truth = compared(case, restored, truth_of(case, lambda u: shift(u, (2.3, -1.4), order=5))).value.ground_truth
     middle = np.array([SHAPE[1] / 2, SHAPE[0] / 2])
     np.testing.assert_allclose(truth.matrix @ [*middle, 1] - middle, [-1.4, 2.3], atol=0.02)
-
-
-def test_softness_of_the_ground_truth_is_separated_from_the_error(case, restored):
     outcome = compared(case, restored, truth_of(case, lambda u: gaussian_filter(u, 1.0)))
     truth = outcome.value.ground_truth
     assert outcome.verdict is Verdict.PASS
     assert truth.softer_px == pytest.approx(1.0, abs=0.1)
     assert truth.error_as_soft < 0.5 * truth.error
-
-
-def test_an_error_above_the_estimate_is_doubtful(case, restored):
     confident = replace(restored.value, sharp_std=restored.value.sharp_std / 5)
     outcome = compared(case, Outcome(confident), truth_of(case))
     assert outcome.verdict is Verdict.DOUBTFUL

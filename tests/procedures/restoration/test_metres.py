@@ -26,7 +26,7 @@ def test_distances_are_those_of_the_blur(side, metres):
     np.testing.assert_allclose(distances_of(w, np.full(w.shape, 0.01), SETTING, side).metres, [metres])
 
 
-def test_uncertainty_agrees_with_random_blurs_and_cameras(rng):
+def test_uncertainty_of_distances_is_that_of_draws_and_undetermined_ones_are_omitted(rng):
     w = np.abs(SETTING.blur_radius_px(np.array([[700.0, 900.0]])))
     uncertainty = CameraUncertainty(focus=0.01, scale=0.02)
     distances = distances_of(w, np.full(w.shape, 0.04), SETTING, FRONT, uncertainty)
@@ -38,9 +38,6 @@ def test_uncertainty_agrees_with_random_blurs_and_cameras(rng):
     # 4000 draws: 1.1 % by chance; the rest is nonlinearity
     np.testing.assert_allclose(distances.std[0], np.std(samples, axis=0)[0], rtol=0.05)
     assert (distances.common < distances.std).all()
-
-
-def test_undetermined_distances_are_omitted():
     far = distances_of(np.array([[1.0, SETTING.scale_px_mm / 1200 - 0.01]]), np.full((1, 2), 0.1), SETTING, BEHIND)
     uncertain = distances_of(np.array([[1.0, 1.0]]), np.array([[0.1, 0.6]]), SETTING, FRONT, EXACT)
     for distances in (far, uncertain):
@@ -55,7 +52,7 @@ def test_an_unknown_side_is_refused(side, focus_mm):
         distances_of(np.ones((1, 1)), np.ones((1, 1)), CameraSetting(12.0, 2.8, focus_mm, 6.0), side)
 
 
-def test_depth_is_ambiguous_where_there_is_no_texture():
+def test_depth_is_ambiguous_without_texture_and_unexplained_with_large_residuals(rng):
     stacks = [mask_stack(pillbox(), 5.2, ratio=ratio, R=7) for ratio in (1.0, 1.25)]
     photographed = scene(stacks, (64, 88), 40.0)
     noise = float(photographed.z.std() * 0.01)
@@ -67,9 +64,6 @@ def test_depth_is_ambiguous_where_there_is_no_texture():
     assert np.median(spread[8:-8, 56:-8]) > 0.7
     # a depth other than the photographs' is no better for being given
     assert np.median(ambiguity(list(photographed.z), stacks, w + 1, noise)[8:24, 8:28]) > 0.8
-
-
-def test_large_residuals_are_unexplained(rng):
     residual = 0.01 * rng.standard_normal((2, 1, 60, 80))
     residual[:, :, 20:40, 50:70] *= 3
     mask = unexplained(residual, 0.01)

@@ -53,7 +53,7 @@ def test_the_blur_combines_motion_and_blur_circle_at_each_distance(distance_mm):
         np.testing.assert_allclose(more, LENS.blur_radius_px(distance_mm) ** 2 / 4, atol=0.17)
 
 
-def test_a_motion_without_record_and_a_lens_without_data_are_refused():
+def test_missing_records_and_lens_data_are_named_and_uniform_motion_starts_evenly():
     known = facts_as(RestorationFacts, FACTS)
     unrecorded = RawFrame(Path("b"), "", frame(0).planes, frame(0).exposure)
     with pytest.raises(BadParameter, match="a record of each photograph's motion"):
@@ -64,17 +64,11 @@ def test_a_motion_without_record_and_a_lens_without_data_are_refused():
     blur_spec(
         [frame(n, subject_distance_mm=900.0) for n in (0, 1)], facts_as(RestorationFacts, {**FACTS, "focus_m": 0.0})
     )
-
-
-def test_the_first_photograph_names_missing_lens_data():
     advice = check_first(frame(0), {**FACTS, "focus_m": 0.0})
     assert advice.contradictory == ("lens_f_number", "focus_m", "pixel_pitch_um")
     noted = check_first(frame(0, f_number=5.6), FACTS)
     assert noted.contradictory == ("lens_f_number",)
     assert "given as 4, but the camera recorded 5.6" in noted.say
-
-
-def test_uniform_motion_starts_with_the_even_masks_of_its_axis():
     parameters = parameters_of(facts_as(RestorationFacts, {"blur_by": MOTIONS, "steady": "y"}))
     assert (parameters.depth_start, parameters.symmetric_axis) == ("symmetric", "y")
     assert parameters_of(RestorationFacts()).depth_start == "matched"

@@ -56,7 +56,7 @@ def test_on_finer_pixels_the_blur_is_proportionally_wider():
             assert variance(mask) == pytest.approx(radius**2 / 4 + 1 / 12, abs=radius / 2 / 11)
 
 
-def test_a_rig_s_motion_reaches_the_given_widest_blur():
+def test_blur_of_a_rig_and_of_defocus_has_its_width_and_parts_must_lie_inside():
     exposures = (swing(0, 1e-3), swing(1, 1e-3))
     by_path = blur_of(BlurSpec(RecordedMotion(exposures), 4.0), PHOTOGRAPHS)
     by_depth = blur_of(BlurSpec(RecordedMotion(exposures, focal_px=500.0), 4.0), PHOTOGRAPHS)
@@ -65,9 +65,6 @@ def test_a_rig_s_motion_reaches_the_given_widest_blur():
     assert by_depth.unit.per_pixel == pytest.approx(2.0, rel=1e-3)
     for one, other in zip(by_path.masks, by_depth.masks, strict=True):
         np.testing.assert_allclose(variance(one.at(4.0)), variance(other.middle.at(4.0)), rtol=0.02, atol=0.02)
-
-
-def test_additional_defocus_adds_its_variance():
     motion = BlurSpec(RecordedMotion((swing(0, 1e-3), swing(1, 1e-3))), 3.0)
     defocus = AdditionalDefocus((pillbox(), pillbox()), (0.5, 0.5), (0.0, 0.0))
     alone = blur_of(motion, PHOTOGRAPHS)
@@ -76,13 +73,7 @@ def test_additional_defocus_adds_its_variance():
         one, other = alone.finer(n)[0], combined.finer(n)[0].middle
         # of a disc of half-width w / 2, and a squared pixel; drawn as above
         assert variance(other.at(w)) - variance(one.at(w)) == pytest.approx(w**2 / 16 + 1 / 12, abs=w / 4 / 11)
-
-
-def test_a_part_outside_the_photographs_is_refused():
     with pytest.raises(BadParameter, match="80,0,20,20 must lie within photographs of 90 x 72"):
         blur_of(BlurSpec(UnknownMotion((80, 0, 20, 20)), 2.0), PHOTOGRAPHS)
-
-
-def test_photographs_without_a_part_of_one_motion_are_refused():
     with pytest.raises(Refused, match="no part of the photographs has one motion each"):
         blur_of(BlurSpec(UnknownMotion(), 2.0), [one[:, :28, :28] for one in PHOTOGRAPHS])

@@ -53,15 +53,12 @@ def test_a_scene_without_detail_is_not(rng):
     assert "detail is only" in advice.say
 
 
-def test_a_darker_second_photograph_gives_the_correction_of_exposure(pair):
+def test_light_and_apertures_of_the_second_photograph_are_compared_with_the_first(pair):
     first = check_first(frame(pair.z[0, 0]), FACTS)
     advice = check_later("second", frame(0.7 * pair.z[1, 0]), {**FACTS, **first.facts})
     assert "darker than the first" in advice.say
     # a factor of 0.7 is half a stop; blur hardly changes the mean
     assert advice.by_hand["exposure_ev"] == pytest.approx(np.log2(1 / 0.7), abs=0.05)
-
-
-def test_motion_blur_needs_no_ratio_of_apertures(pair):
     image = 0.8 * pair.z[0, 0] / pair.z[0, 0].max()
     facts = {
         **FACTS,
@@ -71,9 +68,6 @@ def test_motion_blur_needs_no_ratio_of_apertures(pair):
     advice = check_later("second", frame(image, f_number=16.0), facts)
     assert advice.good, advice.say
     assert [reading.name for reading in advice.readings] == ["light"]
-
-
-def test_too_similar_apertures_are_reported(pair):
     level = {"first_level": float(pair.z[1, 0].mean()), "first_f_number": 5.6, "second_f_number": 5.2}
     advice = check_later("second", frame(pair.z[1, 0], f_number=5.2), {**FACTS, **level})
     assert "differ by a factor of 1.08" in advice.say
@@ -131,7 +125,7 @@ def test_a_ground_truth_has_the_smallest_aperture_and_the_brightness_of_the_firs
     assert CHECKS["truth"](frame(image, f_number=5.0), {**facts, "blur_by": MOTIONS}).good
 
 
-def test_a_camera_without_a_mosaic_has_no_colour(pair):
+def test_a_ground_truth_is_known_by_its_hash_and_compared_by_its_size(pair):
     image = frame(0.8 * pair.z[0, 0] / pair.z[0, 0].max())
     advice = check_first(image, {**FACTS, "colour": COLOUR})
     assert advice.contradictory == ("colour",)
@@ -143,18 +137,12 @@ def test_a_camera_without_a_mosaic_has_no_colour(pair):
     assert list(planes_of(mosaic, known)) == ["R", "G1", "G2", "B"]
     assert list(planes_of(image, known)) == ["Y"]
     assert list(planes_of(mosaic, RestorationFacts())) == ["G1"]
-
-
-def test_the_ground_truth_is_identified_by_its_hash():
     frames = [RawFrame(Path(one), one, {}, Exposure()) for one in "abc"]
     blurred, truth = split_ground_truth(frames, RestorationFacts(truth_sha256="b"))
     assert ([one.sha256 for one in blurred], truth.sha256) == (["a", "c"], "b")
     # the hash of one before a retake
     assert split_ground_truth(frames, RestorationFacts(truth_sha256="z")) == (frames, None)
     assert split_ground_truth([replace(one, sha256="") for one in frames], RestorationFacts())[1] is None
-
-
-def test_a_ground_truth_of_another_size_makes_the_result_doubtful(pair):
     outcome = Outcome(SimpleNamespace(), Verdict.PASS)
     Y = frame(pair.z[0, 0]).planes
     other = frame(pair.z[0, 0, 4:]).planes
@@ -181,7 +169,7 @@ def test_blur_is_proportional_to_the_aperture():
         blur_ratio(RestorationFacts())
 
 
-def test_two_planes_of_focus_cause_an_offset_of_the_blur(pair):
+def test_two_planes_of_focus_are_an_offset_and_an_unknown_shape_is_asked_for_again(pair):
     known = facts_as(RestorationFacts, {**FACTS, "pixel_pitch_um": 6.0})
     focus = (800.0, 760.0)
     first, second = (frame(pair.z[0, 0], focal_length_mm=50.0, subject_distance_mm=one) for one in focus)
@@ -193,9 +181,6 @@ def test_two_planes_of_focus_cause_an_offset_of_the_blur(pair):
     assert offset > 1
     assert blur_relation(first, first, known) == (1.25, 0.0)
     assert blur_relation(first, second, facts_as(RestorationFacts, FACTS)) == (1.25, 0.0)
-
-
-def test_an_unknown_aperture_shape_is_asked_for_again(pair):
     image = 0.8 * pair.z[0, 0] / pair.z[0, 0].max()
     assert check_first(frame(image), {**FACTS, "shape": "polygon:9"}).good
     for typed in ("star", "polygon:two"):
@@ -224,21 +209,15 @@ def test_two_photographs_give_picture_and_depth(pair):
     assert pair.picture_error(outcome.value.sharp) < 0.5 * pair.picture_error(pair.z[0])
 
 
-def test_fewer_photographs_than_chosen_are_refused(pair):
+def test_three_blurs_are_proportional_to_the_apertures_and_a_flat_part_determines_two(pair):
     with pytest.raises(BadInput, match="2 photographs; 1 are available"):
         estimate([frame(pair.z[0, 0])], FACTS, {})
     with pytest.raises(BadInput, match="3 photographs; 2 are available"):
         estimate([frame(one[0]) for one in pair.z], {**FACTS, "photographs": 3.0}, {})
-
-
-def test_blurs_of_three_are_proportional_to_the_apertures(pair):
     known = facts_as(RestorationFacts, {**FACTS, "third_f_number": 2.5})
     source = blur_spec([frame(pair.z[0, 0])] * 3, known).source
     assert source.ratios == (1.0, 1.25, 2.0)
     assert len(source.shapes) == 3
-
-
-def test_a_flat_part_determines_two_motions_and_no_more(pair):
     frames, known = [frame(pair.z[0, 0])] * 3, facts_as(RestorationFacts, {**FACTS, "blur_by": MOTIONS})
     assert blur_spec(frames[:2], known).source.region is None
     with pytest.raises(BadParameter, match=r"not of 3, .* begin with two"):
@@ -267,14 +246,11 @@ def test_three_loops_of_a_shaker_pass_all_directions():
         assert across < 0.85 * again < again < two
 
 
-def test_two_or_three_photographs_are_taken():
+def test_two_or_three_photographs_are_taken_with_the_imu():
     ask = plan().asks()["photographs"]
     ask.check(3.0, {})
     with pytest.raises(BadParameter, match="two or three"):
         ask.check(2.5, {})
-
-
-def test_the_imu_is_recorded_during_all_blurred_photographs():
     shoots = [request for step in plan().steps for request in step.requests if isinstance(request, Shoot)]
     assert {shoot.purpose: shoot.record_motion for shoot in shoots} == {**dict.fromkeys(ORDER, True), "truth": False}
 
@@ -333,7 +309,7 @@ def test_questions_fit_the_cause_of_blur(kind, asked, not_asked, imu, photograph
     assert [plan().step("truth").when({**facts, "ground_truth": one}) for one in ("no", "yes")] == [False, True]
 
 
-def test_three_motions_by_hand_without_an_imu_need_a_flat_scene():
+def test_motions_by_hand_need_a_flat_scene_and_the_rail_shows_what_was_measured():
     facts = {"blur_by": MOTIONS, "photographs": 3.0}
     region = plan().asks()["region"]
     assert region.given(facts) == "whole"
@@ -341,9 +317,6 @@ def test_three_motions_by_hand_without_an_imu_need_a_flat_scene():
     (scene_ask,) = [one for one in plan().step("scene").requests
                     if isinstance(one, Ask) and one.key == "scene" and one.when(facts)]  # fmt: skip
     assert "flat" in scene_ask.question
-
-
-def test_the_rail_shows_blur_brightness_and_change_of_light():
     facts = {"blur_by": MOTIONS, "first_level": 0.4, "second_level": 0.42}
     advice = [plan().step(name).value(facts) for name in ("scene", "first", "second")]
     assert advice == ["motions", "mean 40%", "light +5 %"]

@@ -92,15 +92,11 @@ def test_truth_lies_in_the_interval(found, name, truth):
 
 
 @pytest.mark.slow
-def test_curvature_is_separated_from_gain(found):
+def test_curvature_is_separated_from_gain_which_has_a_covariance_with_dark_noise(found):
     # 1 % of curvature is 1.5 % of K by a line; small signals are not affected
     assert found.transfer.gain_bent > 0.0005
     assert found.numbers["system_gain_at_dark"].uncertainty < 0.002 * 0.1
     assert found.numbers["system_gain"].uncertainty > 3 * found.numbers["system_gain_at_dark"].uncertainty
-
-
-@pytest.mark.slow
-def test_gain_and_dark_noise_have_a_covariance(found):
     together = gain_and_noise(found.transfer)
     for i, name in enumerate(together.NAMES):
         assert together.values[i] == found.numbers[name].value
@@ -127,16 +123,13 @@ def test_both_sinusoids_are_detected_and_no_other(found):
     assert found.light.periods == ()
 
 
-def test_the_spectrogram_contains_the_variance(found):
+def test_the_spectrogram_contains_the_variance_and_the_model_inverts_the_response(found):
     # Parseval: the mean square over all frequencies, those folded counted twice, is the variance
     _, down = found.dark.spectrograms
     power = down.amplitude**2
     assert 2 * power[1:-1].sum() + power[[0, -1]].sum() == pytest.approx(
         SENSOR.rows * (found.numbers["dsnu_dn"].value ** 2 + 9.1 / 40), rel=0.02
     )
-
-
-def test_the_model_inverts_the_response(found):
     model = sensor_model(found)
     e = np.linspace(0, 0.9, 50) * SENSOR.full_scale_e()
     straight = model.linearised(SENSOR.gain * SENSOR.bent(e))
@@ -145,21 +138,15 @@ def test_the_model_inverts_the_response(found):
     assert np.abs(SENSOR.gain * SENSOR.bent(e) - straight).max() > 20
 
 
-def test_model_of_a_line_changes_nothing_beyond_its_uncertainty():
+def test_on_a_linear_sensor_the_general_model_and_its_ratios_are_the_linear_ones():
     model = sensor_model(characterised(replace(SENSOR, bend=0.0, outliers=0), shares=FEWER, stack=0))
     signal = np.linspace(-10, 3900, 40)
     assert np.abs(model.linearised(signal) / model.linearised(signal)[-1] * 3900 - signal).max() < 4 * (
         model.bend_uncertainty * 3900
     )
-
-
-def test_common_noise_of_rows_is_not_their_pattern():
     number = characterised(KnownSensor(rows=120, columns=120, row_noise_e=20.0), shares=FEWER).numbers["dsnu_row_dn"]
     # the pattern's random row averages are 1.5 DN / sqrt(120)
     assert number.low <= 1.5 / 120**0.5
-
-
-def test_signal_to_noise_ratios_are_those_of_the_parameters():
     sensor = KnownSensor(rows=120, columns=120, prnu=0.02)
     result = characterised(sensor, shares=FEWER)
     e = np.array([900.0, 30_000.0])
@@ -170,9 +157,6 @@ def test_signal_to_noise_ratios_are_those_of_the_parameters():
     np.testing.assert_allclose(linear_snr(result.transfer, light), e / np.sqrt(variance), rtol=0.03)
     total = total_snr(result.transfer, result.numbers, light)
     np.testing.assert_allclose(total, e / np.sqrt(variance + fixed), rtol=0.03)
-
-
-def test_general_model_agrees_with_the_linear_one_on_a_linear_sensor():
     result = characterised(KnownSensor(rows=120, columns=120), shares=FEWER, stack=0)
     linear, general = (result.numbers[n] for n in ("sensitivity_threshold_photons", "general_threshold"))
     assert general.low <= linear.value <= general.high

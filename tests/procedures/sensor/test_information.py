@@ -32,7 +32,7 @@ def pictures() -> list[np.ndarray]:
     return [SENSOR.picture(ELECTRONS / SENSOR.efficiency, 0.01, rng).astype(float) for _ in range(4)]
 
 
-def test_quanta_are_the_electrons_less_read_noise(pictures, rng):
+def test_quanta_and_noise_power_follow_from_the_electrons(pictures, rng):
     noise = measure_noise_power(pictures, SENSOR.gain * ELECTRONS)
     found = information(gaussian(0.5), noise, rng)
     truth = ELECTRONS**2 / (ELECTRONS + SENSOR.dark_noise_e**2 + 1 / 12 / SENSOR.gain**2)
@@ -42,9 +42,6 @@ def test_quanta_are_the_electrons_less_read_noise(pictures, rng):
     z = (found.neq[0] - expected) / found.neq_uncertainty[0]
     assert np.abs(np.mean(z)) < 0.6
     assert np.sqrt(np.mean(z[0] ** 2)) < 2
-
-
-def test_mean_of_the_noise_power_is_the_variance(pictures):
     noise = measure_noise_power(pictures, 1.0)
     e = ELECTRONS
     variance = SENSOR.gain**2 * (e + SENSOR.dark_noise_e**2) + 1 / 12
@@ -72,7 +69,7 @@ def test_filters_change_neither_quanta_nor_capacity(pictures, name):
     assert capacities[1].value == pytest.approx(capacities[0].value, rel=0.002)
 
 
-def test_capacity_follows_the_formula_and_its_uncertainty_the_draws():
+def test_capacity_follows_the_formula_wider_for_an_uncertain_psf(pictures, rng):
     # a point-like PSF transmits all frequencies: 1/2 log2(1 + NEQ / 3) everywhere
     point = Psf(np.ones((1, 1)), 4, np.zeros((1, 1)))
     small = KnownSensor(rows=64, columns=64, prnu=0.0, dsnu_dn=0.0)
@@ -86,13 +83,7 @@ def test_capacity_follows_the_formula_and_its_uncertainty_the_draws():
         bits.append(found.value)
     assert np.std(z) == pytest.approx(1, abs=0.3)
     assert np.mean(bits) == pytest.approx(np.log2(1 + neq / 3) / 2, rel=0.01)
-
-
-def test_uncertain_psf_widens_the_capacity(pictures, rng):
     noise = measure_noise_power(pictures, SENSOR.gain * ELECTRONS)
     sure, unsure = (information(gaussian(0.5, u), noise, rng).numbers["information_capacity"] for u in (1e-6, 3e-3))
     assert unsure.uncertainty > 2 * sure.uncertainty
-
-
-def test_pictures_smaller_than_a_block_give_none():
     assert measure_noise_power([np.zeros((20, 100))] * 2, 1.0) is None

@@ -15,7 +15,7 @@ from procedures.sensor.uniformity import spatial_variances
 from .known_sensor import KnownSensor
 
 
-def test_the_variance_of_a_level_is_realistic(rng):
+def test_the_variance_of_a_level_is_that_of_noise_alone_from_pictures_enough(rng):
     # 400 pairs of 32 x 32 samples of variance 9: the stated variances against the spread, known to 1 / sqrt(800)
     levels = [measure_level(rng.normal(100, 3, (2, 32, 32)), 1.0, 1.0) for _ in range(400)]
     for name in ("mean", "variance"):
@@ -24,29 +24,18 @@ def test_the_variance_of_a_level_is_realistic(rng):
         assert np.var(values) == pytest.approx(stated, rel=4 / 800**0.5 * 1.4)
     assert np.mean([one.variance for one in levels]) == pytest.approx(9, abs=4 * (2 / 1023) ** 0.5 * 9 / 20)
 
-
-def test_common_noise_of_rows_enlarges_the_variance(rng):
     def pair() -> np.ndarray:
         return rng.normal(0, 1, (2, 64, 64)) + rng.normal(0, 1, (2, 64, 1))
 
     levels = [measure_level(pair(), 1.0, 1.0) for _ in range(300)]
     stated = np.mean([one.variance_variance for one in levels])
     assert np.var([one.variance for one in levels]) == pytest.approx(stated, rel=0.35)
-
-
-def test_a_change_of_the_light_is_not_noise(rng):
     first = rng.normal(1000, 5, (100, 100))
     level = measure_level([first, rng.normal(1100, 5, (100, 100))], 1.0, 1.0)
     assert level.variance == pytest.approx(25, rel=4 * (2 / 10000) ** 0.5)
     assert level.change == pytest.approx(100, abs=0.5)
-
-
-def test_a_single_picture_is_refused(rng):
     with pytest.raises(ValueError, match="two pictures"):
         measure_level([rng.normal(0, 1, (4, 4))], 1.0, 1.0)
-
-
-def test_stack_of_two_is_refused(rng):
     with pytest.raises(ValueError, match="3 pictures or more; got 2"):
         measure_stack(rng.normal(0, 1, (2, 4, 4)), 1.0, 1.0)
 
@@ -57,11 +46,8 @@ def test_clipping_at_the_lowest_number_is_detected(rng, offset, crushed):
     assert (bottom_pile(picture) > 0.005) == crushed
 
 
-def test_clipping_is_detected_at_any_number(rng):
+def test_clipping_and_patterns_are_separated_from_temporal_noise(rng):
     assert bottom_pile(np.clip(np.rint(rng.normal(512, 3, (200, 200))), 512, None)) == pytest.approx(0.57, abs=0.02)
-
-
-def test_rows_columns_and_pixels_are_separated(rng):
     rows, columns = 0.7 * rng.standard_normal((90, 1)), 0.4 * rng.standard_normal((1, 120))
     pixels = rng.standard_normal((90, 120))
     found = spatial_variances(rows + columns + pixels, (0.0, 0.0, 0.0), 100)
@@ -72,9 +58,6 @@ def test_rows_columns_and_pixels_are_separated(rng):
     assert sum(found.value[part] for part in ("row", "column", "pixel")) == pytest.approx(
         found.value["total"], rel=1e-3
     )
-
-
-def test_temporal_noise_is_subtracted_from_the_pattern(rng):
     pattern = rng.standard_normal((50, 60))
     inside = 0
     for _ in range(200):
@@ -85,7 +68,7 @@ def test_temporal_noise_is_subtracted_from_the_pattern(rng):
     assert inside / 200 == pytest.approx(0.95, abs=3 * (0.95 * 0.05 / 200) ** 0.5)
 
 
-def test_frequency_and_amplitude_of_a_sinusoid_lie_in_their_intervals(rng):
+def test_intervals_hold_their_numbers_at_zero_too(rng):
     inside = np.zeros(2)
     place = np.arange(150)[:, None]
     for _ in range(100):
@@ -96,20 +79,11 @@ def test_frequency_and_amplitude_of_a_sinusoid_lie_in_their_intervals(rng):
             found.amplitude.low <= 0.3 <= found.amplitude.high,
         ]
     assert inside / 100 == pytest.approx(0.95, abs=3 * 0.022)
-
-
-def test_pure_noise_has_no_period(rng):
     alarms = sum(len(find_periods(rng.standard_normal((128, 16)), "row", "DN")) for _ in range(300))
     assert alarms <= 3  # 1e-3 each: 0.3 are expected
-
-
-def test_the_root_of_a_negative_variance_is_zero():
     number = root(-0.1, 0.2, 1.0, "DN", "", 1)
     assert (number.value, number.low) == (0.0, 0.0)
     assert number.high > 0.5
-
-
-def test_the_uncertainty_of_a_divisor_widens_the_interval():
     number = with_share(root(4.0, 0.4, 1.0, "DN", "", 1), 0.1)
     assert number.uncertainty == pytest.approx((0.1**2 + 0.2**2) ** 0.5)
     assert number.low < 1.62 < number.value < 2.38 < number.high

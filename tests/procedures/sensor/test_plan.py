@@ -23,26 +23,17 @@ def frame(level, seconds=0.02, slope=0.0):
     )
 
 
-def test_levels_are_integer_steps_up_to_the_full_light():
+def test_levels_and_exposure_reach_saturation_under_even_light():
     steps = np.array(ladder(24)) * 255
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
     assert len(steps) == 24
     assert steps[-1] == 255
-
-
-def test_the_exposure_is_set_so_that_the_full_light_saturates():
     dark = check_panel(frame(0.1), {"light_level": TRIAL_LEVEL})
     assert not dark.good
     assert 2 ** dark.by_hand["exposure_ev"] * 0.1 == pytest.approx(0.51, rel=0.13)  # thirds of a stop
     assert check_panel(frame(1.0), {"light_level": TRIAL_LEVEL}).by_hand["exposure_ev"] == pytest.approx(-1, abs=0.1)
     assert check_panel(frame(0.5), {"light_level": TRIAL_LEVEL}).facts["exposure_s"] == 0.02
-
-
-def test_uneven_light_is_refused():
     assert "differs by" in check_panel(frame(0.5, slope=0.3), {"light_level": TRIAL_LEVEL}).say
-
-
-def test_the_light_of_a_picture_is_recorded():
     advice = check_picture(0.5, frame(0.3), BY_PANEL)
     assert advice.good
     assert advice.facts == {LIT + HASH[:16]: 0.5}

@@ -21,13 +21,10 @@ def test_statistics_after_rounding_are_those_of_rounded_draws(rng, mean, sigma, 
     np.testing.assert_allclose(drawn, [float(one[0]) for one in expected[:3]], atol=5 * 0.5 / n**0.5)
 
 
-def test_noise_far_above_a_digital_number_is_left_as_it_is(rng):
+def test_noise_that_rounding_hides_is_between_bounds_and_large_noise_is_unchanged(rng):
     measured = np.array([np.full(3, 10.0), np.full(3, 9.0), np.full(3, 2.0)])
     before = unrounded(measured, np.full(3, 1e-6), rng)
     np.testing.assert_array_equal(before.temporal, measured[1])
-
-
-def test_noise_that_rounding_hides_is_between_bounds(rng):
     # all pixels have one number: the noise can be anything below a third of a digital number
     n = 100_000
     measured = np.array([np.full(1001, one) for one in (7.0, 1e-5, 1e-7)])

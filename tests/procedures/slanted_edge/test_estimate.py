@@ -49,13 +49,10 @@ def test_mtf50_of_known_optics_without_noise(lens: str, columns: int) -> None:
     assert found.numbers["angle"].value == pytest.approx(5.5, abs=0.01)
 
 
-def test_slope_of_the_light_does_not_blur() -> None:
+def test_slope_of_the_light_and_a_bent_edge_do_not_blur():
     light = Illumination(1.0, (0.1, 0.05), centre_px=(30.0, 50.0), radius_px=50.0)
     found = value(whole(edge_light(gaussian(0.25), light=light)))
     assert found.numbers["mtf50"].value == pytest.approx(0.25, rel=0.002)
-
-
-def test_a_bent_edge_is_followed() -> None:
     # a sagitta of three pixels: with a straight line, a blur of one pixel
     found = value(whole(edge_light(gaussian(0.25), bend=3.0)))
     assert found.order >= 2
@@ -129,12 +126,9 @@ def refusal(samples: np.ndarray, words: str) -> None:
     assert outcome.remedy
 
 
-def test_nothing_but_noise_is_no_edge(rng: np.random.Generator) -> None:
+def test_noise_and_texture_are_no_edges(rng):
     refusal(0.5 + 0.05 * rng.standard_normal((60, 60)), "no edge")
     refusal(np.full((60, 60), 0.5), "no edge")
-
-
-def test_texture_is_no_edge(rng: np.random.Generator) -> None:
     refusal(np.kron(rng.random((15, 15)), np.ones((4, 4))), "edge")
 
 
@@ -143,19 +137,10 @@ def test_an_edge_that_misses_phases_is_refused(angle: float, words: str) -> None
     refusal(edge_light(gaussian(0.25), angle_deg=angle, columns=60, rows=50), words)
 
 
-def test_a_short_edge_is_refused() -> None:
+def test_short_clipped_sharp_and_noisy_edges_are_refused_by_name(rng):
     refusal(edge_light(gaussian(0.25), rows=12, columns=40), "too short")
-
-
-def test_a_clipped_edge_is_refused() -> None:
     refusal(np.minimum(edge_light(gaussian(0.25)) * 1.2, 1.0), "saturated")
-
-
-def test_an_edge_too_sharp_is_not_called_noisy() -> None:
     refusal(edge_light(gaussian(1.25)), "stays above 1/2")
-
-
-def test_a_noisy_edge_is_refused(rng: np.random.Generator) -> None:
     light = 0.3 + 0.25 * edge_light(gaussian(0.25))
     refusal(light + 0.15 * rng.standard_normal(light.shape), "too noisy")
 
@@ -166,14 +151,11 @@ def test_a_region_outside_the_plane_is_an_error(roi: Roi) -> None:
         estimate_edge(plane(np.zeros((60, 60))), roi)
 
 
-def test_a_plane_without_edges_is_refused(rng: np.random.Generator) -> None:
+def test_planes_without_slanted_edges_are_refused(rng):
     noise = plane(0.5 + 0.01 * rng.standard_normal((120, 120)))
     (only,) = estimate_edges(noise)
     assert only.verdict is Verdict.REFUSED
     assert "no straight edge" in only.reason
-
-
-def test_vertical_edges_are_refused_by_their_angle() -> None:
     samples = np.full((120, 120), 0.1)
     samples[:, 60:] = 0.9
     (only,) = estimate_edges(plane(samples))

@@ -131,38 +131,23 @@ def bracket_of(width_mm: float) -> list[float]:
     return bracket_mm(optics, 2.8, optics.distance_mm(PX_PER_CELL))
 
 
-def test_the_widest_chart_is_proposed_whose_bracket_the_rail_reaches_from_where_the_laser_sees_the_wall():
+def test_charts_and_brackets_are_proposed_that_the_rail_reaches():
     width = width_within_reach({**LENS, **RAIL, **LASER})
     near, far = 2430.0 - 1499.0, 2430.0 + 1.0  # the rail's ends, from the wall
     depths, wider = bracket_of(width), bracket_of(width + 1)
     assert near < depths[0] < depths[-1] < far
     assert wider[-1] > far - 250.0  # what is kept free there
     check_width(width, {**LENS, **RAIL, **LASER})
-
-
-def test_without_a_laser_the_bracket_is_as_long_as_the_rail_at_most():
     depths = bracket_of(width_within_reach({**LENS, **RAIL}))
     assert 900.0 < depths[-1] - depths[0] <= 1500.0
-
-
-def test_a_chart_too_wide_for_the_rail_is_refused_before_it_is_printed():
     with pytest.raises(BadParameter, match=r"a chart 96 mm wide needs the lens .* the rail reaches"):
         check_width(96.0, {**LENS, **RAIL, **LASER})
-
-
-def test_a_rail_too_short_for_any_chart_is_refused_with_a_remedy():
     with pytest.raises(BadParameter, match="no chart that can be printed") as raised:
         width_within_reach({**LENS, "typed_f_number": 22.0, **RAIL, **LASER})
     assert "wider aperture" in raised.value.remedy
-
-
-def test_a_bench_without_a_rail_is_refused_before_printing():
     with pytest.raises(BadParameter, match="the axis z_mm") as raised:
         width_within_reach(LENS)
     assert raised.value.remedy == BY_HAND
-
-
-def test_lens_and_rail_are_requested_once_and_before_printing():
     requests = [request for step in plan(lambda frames, facts, known: {}).steps for request in step.requests]
     printed = next(i for i, one in enumerate(requests) if isinstance(one, Give))
     asked = [one.key for one in requests if isinstance(one, Ask)]

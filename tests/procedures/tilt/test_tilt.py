@@ -37,7 +37,7 @@ def heights(plane, bend, rng):
     return true + rng.multivariate_normal(np.zeros(9), NOISE)
 
 
-def test_the_coverage_of_the_intervals_is_95_percent():
+def test_intervals_cover_95_percent_and_two_corrections_align_every_sensor():
     # three numbers of each of 100 sensors: 95 % of 300 is 285 +- 3.8; the scaling by residuals adds some
     rng, inside, uncertainties = np.random.default_rng(3), [], []
     for _ in range(100):
@@ -48,9 +48,6 @@ def test_the_coverage_of_the_intervals_is_95_percent():
         uncertainties.append(np.max(spread[1:] * FRAME))
     assert 0.92 <= np.mean(inside) <= 0.99
     assert np.median(uncertainties) < 2.0  # um over the frame
-
-
-def test_two_corrections_align_every_sensor():
     rng, remaining = np.random.default_rng(4), []
     for _ in range(60):
         plane, bend = random_sensor(rng)
@@ -84,35 +81,23 @@ def test_the_probability_of_improvement_is_realistic():
     assert stated[uncertain].mean() == pytest.approx(improved[uncertain].mean(), abs=3 * error)
 
 
-def test_positions_of_the_screws_follow_the_inverted_image():
+def test_turns_of_the_screws_follow_from_places_in_the_inverted_image():
     top, right, bottom, left = Screws(count=4, radius_mm=10.0).places_mm
     # from behind the camera the photograph's lower edge is the sensor's upper one, its left the right one
     np.testing.assert_allclose([top, right, bottom, left], [(0, 10), (-10, 0), (0, -10), (10, 0)], atol=1e-9)
-
-
-def test_a_screw_is_turned_by_its_height_over_its_pitch():
     # 2 um/mm from left to right of the photograph: the right screw, at -20 mm, stands 40 um too near to the lens
     exact = fit_plane(NINE, NINE @ [2.0, 0.0], 1e-6 * np.eye(9), FRAME)
     screws = Screws(count=4, radius_mm=20.0, pitch_mm=0.5, turn_uncertainty=0.0)
     correction = turns_for(exact, screws, with_focus=False)
     assert [one.value for one in correction.turns] == pytest.approx([0.0, 0.08, 0.0, -0.08], abs=1e-6)
     assert correction.helps == 1.0
-
-
-def test_residuals_enlarge_the_covariance():
     bumps = np.array([9.0, -9, 9, -9, 9, -9, 9, -9, 9])
     smooth, rough = (fit_plane(NINE, one, NOISE, FRAME) for one in (np.zeros(9), bumps))
     assert rough.chance < 0.001 < smooth.chance
     assert rough.covariance[1, 1] > 10 * smooth.covariance[1, 1]
-
-
-def test_six_places_or_a_row_of_them_are_refused():
     for places in (NINE[:6], np.column_stack([np.linspace(-15, 15, 9), np.zeros(9)])):
         with pytest.raises(Refused, match="do not separate a tilt"):
             fit_plane(places, np.zeros(len(places)), np.eye(len(places)), FRAME)
-
-
-def test_positions_before_the_lens_are_those_of_their_images():
     # Newton: x x' = f^2; 1000 mm before the focal point of 50 mm the image is 2.5 mm behind the other
     assert behind_lens_um(1050.0, Positions.SET, 50.0) == pytest.approx(52500)
     assert behind_lens_um(1050.0, Positions.CHART, 50.0) == pytest.approx(-52500)
@@ -148,16 +133,13 @@ def flat(offset_um, parameters=None):
     return Tilt(exact, np.zeros(9), SCREWS, turns_for(exact, SCREWS, with_focus=True), with_focus=True)
 
 
-def test_an_uncertain_nominal_distance_is_in_the_backfocus_through_the_magnification_squared():
+def test_backfocus_has_the_uncertainty_of_the_distance_and_gives_the_shim():
     # at 1050 mm, magnification 1/20, an error of 2 mm is one of 2 / 400 mm behind the lens, to 0.2 %
     known = TiltParameters(5.0, Positions.SET, 50.0, nominal_mm=1050.0, nominal_uncertainty_mm=2.0)
     numbers = flat(7.0, known).numbers()
     for name in ("backfocus", "backfocus_centre", "shim"):
         assert numbers[name].uncertainty == pytest.approx(5.0, rel=0.01)
     assert numbers["tilt_horizontal"].uncertainty < 0.01
-
-
-def test_a_sensor_too_far_behind_requires_a_thinner_shim():
     # light comes to a focus before it: the lens has to come nearer by as much; 70 um are a fifth of a turn of 0.35 mm
     assert "70.0 ± 0.0 um behind best focus" in shim_words(flat(70.0))
     assert "thinner by that, or turn every screw by 0.200 towards the lens" in shim_words(flat(70.0))

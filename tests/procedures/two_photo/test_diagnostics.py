@@ -77,7 +77,7 @@ def fitted(rng: np.random.Generator, shifts: np.ndarray, diagonal: slice = slice
     )  # fmt: skip
 
 
-def test_shifts_of_parts_are_measured_where_both_directions_are_seen(rng: np.random.Generator) -> None:
+def test_shifts_of_parts_are_measured_with_their_noise_and_relief(rng):
     shifts = 0.03 * rng.standard_normal((TILES**2, 2))
     shift, significance = local_shifts(fitted(rng, shifts, slice(3)))
     # a square's shift is known to NOISE / SIDE, a sixtieth of it
@@ -85,18 +85,12 @@ def test_shifts_of_parts_are_measured_where_both_directions_are_seen(rng: np.ran
     # chi^2 of 122 degrees is SIDE^2 times the squared shifts in units of the noise
     chi2 = SIDE**2 * np.sum(shifts[3:] ** 2) / NOISE**2
     assert significance == pytest.approx(chi2 / np.sqrt(2 * 122), rel=0.1)
-
-
-def test_a_plane_wall_has_shifts_of_noise_alone(rng: np.random.Generator) -> None:
     found = [local_shifts(fitted(rng, np.zeros((TILES**2, 2)))) for _ in range(20)]
     shift, significance = np.transpose(found)
     # the variance of 128 normal numbers of NOISE / SIDE is known to 12 %
     assert shift.max() < 1.2 * NOISE / SIDE
     assert abs(significance.mean()) < 3 / 20**0.5
     assert significance.std() == pytest.approx(1, abs=3 / 40**0.5)
-
-
-def test_relief_is_the_random_shift_that_grows_with_the_gradient(rng: np.random.Generator) -> None:
     random = 0.02 * rng.standard_normal((TILES**2 * SIDE**2, 2))
     # along either axis; 25 600 squares whose variance is known to a few per cent
     assert relief(fitted(rng, random)) == pytest.approx(0.02 * 2**0.5, rel=0.05)

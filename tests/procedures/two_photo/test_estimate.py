@@ -113,7 +113,7 @@ def test_a_rolled_camera_gives_the_same_psf() -> None:
     assert result.scale == pytest.approx((4.6, 4.6), rel=1e-3)
 
 
-def test_solvers_satisfy_their_constraints(pair: Pair, free: TwoPhotoPsf, positive: TwoPhotoPsf) -> None:
+def test_solvers_satisfy_their_constraints_and_the_recursion_its_equation(pair, free, positive):
     clipped = estimate(pair.near, pair.far, "clip").result()
     truth = samples_of(OTF, 3, 13)
     assert free.psf.h.min() < 0
@@ -121,9 +121,6 @@ def test_solvers_satisfy_their_constraints(pair: Pair, free: TwoPhotoPsf, positi
     assert all(one.psf.h.sum() == pytest.approx(1) for one in (free, clipped, positive))
     # the constraint holds for the truth, and is applied in the metric of the errors
     assert np.linalg.norm(positive.psf.h - truth) < np.linalg.norm(free.psf.h - truth)
-
-
-def test_recursion_and_equation_agree(positive: TwoPhotoPsf) -> None:
     assert positive.diagnostics["recursion_check"] < 0.002
 
 

@@ -61,25 +61,18 @@ def wall():
     return [[0.8 * image + rng.normal(0, 0.003, image.shape) for _ in range(2)] for image in sharp]
 
 
-def test_the_wall_is_good_and_the_light_the_same(wall):
+def test_a_wall_is_good_by_its_texture_and_light(wall):
     near = check_near(frame(wall[0][0]), FACTS)
     assert near.good, near.say
     far = check_far(frame(wall[1][0]), {**FACTS, **near.facts})
     assert far.good, far.say
     (x0, y0), (x1, _), (_, y1), _ = far.outline.wanted
     assert (x1 - x0, y1 - y0) == pytest.approx((FAR_PX / RATIO, FAR_PX / RATIO))
-
-
-def test_a_smooth_wall_is_not_good(wall):
     rng = np.random.default_rng(1)
     smooth = 0.5 + 0.05 * np.linspace(0, 6, 300) + rng.normal(0, 0.003, (300, 300))
     advice = check_near(frame(smooth), FACTS)
     assert not advice.good
     assert "rougher wall" in advice.say
-
-
-def test_a_decrease_of_light_is_reported(wall):
-    near = check_near(frame(wall[0][0]), FACTS)
     advice = check_far(frame(0.6 * wall[1][0]), {**FACTS, **near.facts})
     assert not advice.good
     assert "darker than from nearby" in advice.say
@@ -130,13 +123,10 @@ def times(wall):
     return far.estimate(frame(wall[1][0]), FACTS, [], known)["Y"].value
 
 
-def test_the_photographs_give_the_ratio_of_distances(wall, times):
+def test_the_photographs_give_the_ratio_of_distances_within_the_rail(wall, times):
     assert times == pytest.approx(RATIO, rel=5e-3)  # a tenth of a pixel over the far one's 160
     there, back = (Plane("Y", wall[i][0].astype(np.float32), 1 / 16383) for i in (1, 0))
     assert times_as_far(there, back) == pytest.approx(1 / RATIO, rel=5e-3)
-
-
-def test_a_far_place_beyond_the_rail_is_named_at_the_near_one(wall):
     advice = check_near(frame(wall[0][0]), {**FACTS, **RAIL})
     assert advice.contradictory == ("near_mm", "ratio")
     assert "is 3.40 m farther back, and the rail goes 1.50 m" in advice.say
@@ -174,13 +164,10 @@ def test_the_proposed_ratio_is_within_the_rail():
     assert ASKS["ratio"].proposed({"near_mm": 360.0}) == 4.0
 
 
-def test_the_sharper_wall_has_the_higher_score(wall):
+def test_the_sharper_wall_scores_higher_and_the_mean_of_frames_has_less_noise(wall):
     soft = cv2.GaussianBlur(wall[0][0], (0, 0), 1.0)
     rng = np.random.default_rng(1)
     assert sharpness(frame(wall[0][0]), FACTS) > 1.5 * sharpness(frame(soft + rng.normal(0, 0.003, soft.shape)), FACTS)
-
-
-def test_the_mean_of_frames_has_less_noise(wall):
     both = mean_plane("Y", [frame(one) for one in wall[0]]).samples
     noise = np.std(wall[0][0] - wall[0][1]) / 2**0.5
     assert np.std(both - wall[0][0]) == pytest.approx(noise / 2**0.5, rel=0.02)

@@ -30,7 +30,7 @@ def wall():
     return [plane(one) for one in (pairs[0].near, pairs[0].far, pairs[1].far)]
 
 
-def test_weights_are_those_of_independent_estimates():
+def test_weights_are_those_of_independent_estimates_and_two_photographs_a_pair(wall):
     # equal noise: the mean; four times the variance: a fifth of the weight; the variance of the mean follows
     C = np.eye(9)
     h = np.full((3, 3), 1 / 9)
@@ -41,20 +41,14 @@ def test_weights_are_those_of_independent_estimates():
     # of sum 1, so that the mean of the noise is taken out of it: 0.8 (1 - 1/9) of the variance
     joined = joined_psf([one, other], gains, "ls")
     np.testing.assert_allclose(np.diag(joined.covariance), 0.8 * (1 - 1 / 9), rtol=1e-9)
-
-
-def test_a_single_photograph_is_refused():
     with pytest.raises(BadParameter, match="a wall needs two photographs or more; got 1"):
         estimate_psf_of_wall([np.zeros((30, 30))])
-
-
-def test_two_photographs_are_a_pair(wall):
     pair, both = estimate_psf_of_pair(wall[0], wall[2], SETTINGS), estimate_psf_of_wall([wall[0], wall[2]], SETTINGS)
     np.testing.assert_array_equal(pair.value.psf.parameters, both.value.psf.parameters)
     assert pair.value.quality.budgets == both.value.quality.budgets
 
 
-@pytest.mark.parametrize("solver", ["ls", "nnls"])
+@pytest.mark.parametrize("solver", ["ls", pytest.param("nnls", marks=pytest.mark.nightly)])
 def test_three_distances_have_less_error_than_two(wall, solver):
     settings = TwoPhotoParameters(s=3, k=13, solver=solver)
     truth = samples_of(CAMERAS["f/5.6"], 3, 13)

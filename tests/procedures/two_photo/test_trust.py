@@ -81,19 +81,13 @@ def test_one_number_beyond_its_limit_fails_its_check_alone(
     ]
 
 
-def test_streaks_and_contrast_count_either_way() -> None:
+def test_statistics_count_where_they_are_significant():
     assert [one.name for one in failed(streaks=1 / 1.41)] == ["streaks"]
     assert [one.name for one in failed(gain=0.84)] == ["contrast"]
-
-
-def test_a_statistic_is_linear_in_the_effect() -> None:
     # four times the variance is twice the deviation
     (check,) = failed(mismatch=36.0)
     assert check.statistic / check.threshold == pytest.approx(2)
     assert "6.0 times their noise" in check.sentence
-
-
-def test_only_a_significant_shift_of_parts_counts_and_explains_its_symptoms() -> None:
     assert failed(local_shift_px=0.021, local_shift_significance=5.9) == []
     assert [one.name for one in failed(local_shift_px=0.021, local_shift_significance=6.1)] == ["local shift"]
     soft = {"sharpness_ratio": 0.19, "smoothing": 1.4}
@@ -101,15 +95,9 @@ def test_only_a_significant_shift_of_parts_counts_and_explains_its_symptoms() ->
     assert max((one for one in shifted if one.severity is Verdict.DOUBTFUL), key=lambda one: one.evidence).name == (
         "local shift"
     )
-
-
-def test_a_sharper_far_photograph_is_not_sharpened_and_an_open_band_rings() -> None:
     assert {one.name for one in failed(sharpness_ratio=1.9, beyond_light=0.1, missing_light=9.0)} == {"sharpness"}
     assert failed(trial=replace(TRIAL, band_edge=1.0), missing_light=9.0) == []
     assert failed(trial=replace(TRIAL, band_edge=1.0), beyond_light=0.1)
-
-
-def test_only_a_given_sampling_is_doubted() -> None:
     short = replace(TRIAL, truncation=0.5, band_edge=1.0, better=(4, 17))
     assert failed(trial=short) == []
     checks = failed(Sampling(3, 13, "ls", ()), short)

@@ -30,7 +30,7 @@ def errors(outcome: Outcome[TwoPhotoPsf], name: str) -> dict[str, tuple[float, f
     return all_errors
 
 
-def test_the_numbers_are_of_the_whole_psf() -> None:
+def test_the_numbers_and_the_choice_are_of_the_whole_psf():
     outcome = estimate(photographs(CAMERAS["f/5.6"], noise=0.002, size=110), TwoPhotoParameters(3, 13))
     assert outcome.verdict is Verdict.PASS, outcome.reason
     psf = outcome.result().psf
@@ -39,17 +39,11 @@ def test_the_numbers_are_of_the_whole_psf() -> None:
     for number, (off, sigmas) in errors(outcome, "f/5.6").items():
         assert abs(sigmas) < 3, number
         assert abs(off) < 0.02, number
-
-
-def test_mtf50_beyond_the_band_is_doubtful() -> None:
     # the pixel of a colour plane is half as wide as its pitch: the MTF stays above 1/2 beyond one cycle per pixel
     outcome = estimate(photographs(camera(6.5, fill=0.3), zoom=2.9, size=130, noise=0.002))
     assert outcome.verdict is Verdict.DOUBTFUL
     beyond = next(one for one in causes_of(outcome) if "MTF50 lies beyond the band of s = 2" in one.reason)
     assert "it needs s = 3" in beyond.remedy
-
-
-def test_the_choice_is_reported() -> None:
     outcome = estimate(photographs(camera(6.5, fill=0.3), zoom=4.4, size=110, noise=0.002))
     tried = outcome.result().choice
     assert [trial.s for trial in tried] == [3, 4]  # 4 is what the zoom allows

@@ -73,23 +73,17 @@ def test_a_slope_that_turned_with_the_flats_is_no_uncertainty(order):
     assert corner.uncertainty < 0.002  # the slopes alone would state 0.01
 
 
-def test_slopes_that_did_not_turn_keep_their_scatter():
+def test_centre_and_colour_of_the_falloff_are_the_lens_s_with_their_scatter(outcomes):
     rng = np.random.default_rng(9)
     alone = [(f"flat{i}", {"G1": flat(rng, slope=0.015 * rng.standard_normal(2))}) for i in range(4)]
     surface = estimate_vignetting(alone)["G1"].value.surface
     np.testing.assert_array_equal(surface.slope_errors, surface.slopes)
-
-
-def test_the_centre_of_the_falloff_is_within_its_uncertainty(outcomes):
     numbers = outcomes["G1"].value.numbers
     # pixels of the plane, whose centre lies a quarter of a pixel beyond the array's: the planes of a mosaic are apart
     for name, true in zip("xy", (17.75, -11.25), strict=True):
         number = numbers[f"vignetting_centre_{name}"]
         assert number.value == pytest.approx(true, abs=4 * number.uncertainty)
         assert number.uncertainty < 6
-
-
-def test_colour_shading_is_the_planes_difference(outcomes):
     places = frame_places((ROWS, COLUMNS))
     ratio = lens(places, "R") / lens(middle(), "R") / (lens(places, "G1") / lens(middle(), "G1"))
     shading = outcomes["R"].value.numbers["colour_shading"]
@@ -119,18 +113,12 @@ def test_a_radial_falloff_fits_the_formula(outcomes):
     assert outcomes["G1"].value.radial.lost < 0.001  # the truth is radial
 
 
-def test_no_flat_is_refused():
+def test_no_flat_one_flat_and_structure_are_refused_or_doubtful():
     with pytest.raises(Refused, match="needs photographs of even light"):
         estimate_vignetting([])
-
-
-def test_one_flat_is_doubtful_for_its_light():
     outcome = estimate_vignetting([("one", {"G1": flat(np.random.default_rng(1))})])["G1"]
     assert outcome.verdict is Verdict.DOUBTFUL
     assert "slope of the light" in outcome.reason
-
-
-def test_structure_is_doubtful():
     flats = rotated(np.random.default_rng(2), count=2)
     for _, planes in flats:
         planes["G1"].samples[:, ::40] *= 0.7

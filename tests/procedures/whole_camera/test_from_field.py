@@ -90,7 +90,7 @@ def joint(charts):
     return join(parts, known)
 
 
-def test_the_block_of_one_part_is_its_own_covariance(charts, joint):
+def test_the_block_of_one_part_is_its_own_covariance_with_widened_supports_too(charts, joint):
     stated = [number.uncertainty for one in charts.planes["R"] for number in one.numbers.values()]
     np.testing.assert_allclose(np.sqrt(np.diag(joint.block("psf.R", "psf.R"))), stated)
     (red, _), own = colours(charts), joint.block("lateral_colour.R", "lateral_colour.R")
@@ -100,9 +100,6 @@ def test_the_block_of_one_part_is_its_own_covariance(charts, joint):
     np.testing.assert_allclose(own[count:, count:], second, rtol=1e-9)
     assert joint.parts[3].names[:3] == ("x.1", "x.x", "x.y")
     np.testing.assert_allclose(joint.parts[3].values, [*x, *y])
-
-
-def test_charts_with_widened_supports_are_included(charts):
     seen = charts.planes["G1"]
     field = SimpleNamespace(nodes=[replace(one.node) for one in seen[1:]])
     kept = Outcome(SimpleNamespace(interpolation=SimpleNamespace(field=field)))
@@ -143,7 +140,7 @@ def test_covariances_between_parts_are_those_of_draws(charts, joint):
     assert not joint.block("psf.B", "lateral_colour.R").any()
 
 
-def test_every_pair_of_parts_has_a_block_with_its_reason(joint):
+def test_every_pair_of_parts_has_a_block_with_its_reason_and_bound(joint, charts):
     flats = CameraPart("vignetting", ("k1",), ("1",), np.zeros(1), np.eye(1), "the flats")
     blocks = {(one.first, one.second): one for one in join([*joint.parts, flats], {
         key: np.eye(SIZE + 2) for part in joint.parts for key in part.charts}).blocks}  # fmt: skip
@@ -152,13 +149,7 @@ def test_every_pair_of_parts_has_a_block_with_its_reason(joint):
     assert blocks["psf.R", "psf.B"].how == ZERO
     assert "photosites" in blocks["psf.R", "psf.B"].why
     assert blocks["lateral_colour.B", "vignetting"].why == "other photographs: the charts, and the flats"
-
-
-def test_terms_are_named_in_the_order_of_the_monomials():
     assert monomial_names(2) == ["1", "x", "y", "x2", "xy", "y2"]
-
-
-def test_an_indefinite_covariance_is_corrected_with_its_variances_kept():
     apart = {("R", "a", 1): np.diag([1.0, 1.0, 1.0])}
     row = np.array([[1.0, 0.0, 0.0]])
     parts = [
@@ -168,9 +159,6 @@ def test_an_indefinite_covariance_is_corrected_with_its_variances_kept():
     found = join(parts, apart).covariance
     np.testing.assert_allclose(np.diag(found), [0.5, 0.5])
     assert np.linalg.eigvalsh(found).min() > -1e-12
-
-
-def test_use_of_the_sensor_is_stated_with_a_bound_of_the_correlation(charts):
     part = psf_part("R", charts.planes["R"])
     ladder = CameraPart("sensor", ("R.system_gain",), ("DN/e-",), np.ones(1), np.eye(1), "the sensor's ladder of light")
     assert with_sensor_reason(part, charts.planes) is part

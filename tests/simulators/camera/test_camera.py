@@ -58,19 +58,13 @@ def test_a_chart_is_as_large_as_asked(rng, camera, s_over_t):
     assert pixels_at(1.0, 4) == 64
 
 
-def test_the_planes_of_a_mosaic_lie_half_a_pixel_apart(rng):
+def test_planes_differ_by_place_and_width_and_paper_is_as_bright_as_exposure_says(rng):
     photo = BAYER.photograph(Scene((BAYER.place(CHART, pixels=80),)), rng)
     apart = photo.true_points("G1", X_CORNERS) - photo.true_points("R", X_CORNERS)
     np.testing.assert_allclose(apart, np.tile([-0.5, 0.0], (12, 1)), atol=1e-12)
-
-
-def test_the_red_psf_is_wider_than_the_blue_one(rng):
     photo = BAYER.photograph(Scene((BAYER.place(CHART, pixels=60),)), rng)
     peaks = {plane: photo.true_psf(plane, 4, 17).samples.max() for plane in ("R", "G1", "G2", "B")}
     assert peaks["R"] < peaks["G1"] == peaks["G2"] < peaks["B"]
-
-
-def test_paper_is_as_bright_as_exposure_and_aperture_say(rng):
     wide = replace(GREY, lens=Lens(f_number=4.0))
     scene = Scene(wall=Wall(reflectance=0.5))
     e = [c.photograph(scene, rng, exposure_s=0.005).plane("Y").mean() for c in (GREY, wide)]
@@ -78,9 +72,6 @@ def test_paper_is_as_bright_as_exposure_and_aperture_say(rng):
     # 48 000 pixels of some 3 750 electrons: the mean's sd is 2e-4 of it
     assert e[0] * full == pytest.approx(0.5 * 1.5e6 * 0.005, rel=1e-3)
     assert e[1] / e[0] == pytest.approx((5.6 / 4) ** 2, rel=1e-3)
-
-
-def test_overexposed_paper_saturates_and_ink_does_not(rng):
     photo = GREY.photograph(Scene((GREY.place(CHART, pixels=100),)), rng, exposure_s=0.1)
     plane = photo.plane("Y")
     assert np.mean(plane >= 1) > 0.2
@@ -88,16 +79,12 @@ def test_overexposed_paper_saturates_and_ink_does_not(rng):
 
 
 @pytest.mark.slow
-def test_a_chart_out_of_focus_is_blurred_and_its_truth_with_it(rng):
+def test_defocus_and_coma_are_in_the_truth_too(rng):
     placed = GREY.place(CHART, pixels=100)
     near = replace(GREY, focus_mm=placed.pose.centre_mm[2] / 2)
     sharp, soft = (c.photograph(Scene((placed,)), rng) for c in (GREY, near))
     assert soft.true_psf("Y", 4, 33).h.max() < 0.5 * sharp.true_psf("Y", 4, 33).h.max()
     assert np.std(np.diff(soft.plane("Y"))) < 0.7 * np.std(np.diff(sharp.plane("Y")))
-
-
-@pytest.mark.slow
-def test_coma_points_away_from_the_axis(rng):
     camera = replace(GREY, lens=Lens(coma_um=0.15), sensor=Sensor(400, 600, None))
     offsets = (np.arange(33) - 16) / 4
     found = []
@@ -109,7 +96,7 @@ def test_coma_points_away_from_the_axis(rng):
     assert found[1] > 0.05
 
 
-def test_light_on_a_chart_changes_by_its_slope_over_the_chart(rng):
+def test_light_covers_and_clutter_are_seen_where_they_are(rng):
     placed = GREY.place(CHART, pixels=120)
     light = GREY.light_on(placed, (0.2, 0.0))
     quiet = replace(GREY, white_e_per_s=1.5e8, sensor=replace(GREY.sensor, full_well_e=1e9, gain_e_per_dn=1e3, bits=16))
@@ -118,9 +105,6 @@ def test_light_on_a_chart_changes_by_its_slope_over_the_chart(rng):
     values = [photo.plane("Y")[round(float(y)), round(float(x))] for x, y in (left, right)]
     # white paper above the frame of blocks, at the ends of the noise region, to half a pixel of 60
     assert values[1] / values[0] == pytest.approx(1.2 / 0.8, rel=0.01)
-
-
-def test_charts_may_be_mirrored_covered_several_and_cut(rng):
     camera = replace(GREY, sensor=Sensor(240, 480, None))
     left = replace(camera.place(CHART, pixels=80, at=(0.3, 0.5)), mirrored=True, covers=cover(2, 3))
     cut = camera.place(Chart.from_seed(2), pixels=80, at=(0.97, 0.5))
@@ -130,9 +114,6 @@ def test_charts_may_be_mirrored_covered_several_and_cut(rng):
     x = photo.true_points("Y", X_CORNERS[[0, 3]])[:, 0]
     assert x[0] > x[1]
     assert photo.true_points("Y", X_CORNERS, chart=1)[:, 0].max() > 480
-
-
-def test_what_stands_on_the_wall_is_seen_far_from_the_charts(rng):
     camera = replace(GREY, sensor=Sensor(400, 600, None))
     placed = camera.place(CHART, pixels=60, at=(0.8, 0.7))
     scale = camera.projection(placed.pose.centre_mm[2]).principal_px / 4000
@@ -143,13 +124,10 @@ def test_what_stands_on_the_wall_is_seen_far_from_the_charts(rng):
     assert drawn[70, 120] / plain[70, 120] == pytest.approx(1, rel=0.1)
 
 
-def test_a_plane_of_a_grey_camera_comes_linear(rng):
+def test_one_seed_gives_one_photograph_and_a_grey_plane_is_linear(rng):
     plane = render_plane(Scene((GREY.place(CHART, pixels=100),)), GREY, rng)
     assert plane.shape == (200, 240)
     assert 0.0 < np.quantile(plane, 0.01) < 0.1 < 0.5 < np.quantile(plane, 0.99) < 1.0
-
-
-def test_one_seed_gives_one_photograph():
     scene = Scene((GREY.place(CHART, pixels=100),))
     one, two = (GREY.photograph(scene, np.random.default_rng(5)).mosaic for _ in range(2))
     np.testing.assert_array_equal(one, two)
@@ -179,36 +157,21 @@ def test_clutter_is_never_darker_than_its_darkest_thing(seed):
     assert light.max() < 0.9 + 1e-3
 
 
-def test_random_frames_without_a_chart_have_none(rng):
+def test_a_lens_is_bright_and_sharp_about_its_own_axis_and_a_tilted_sensor_along_its_slope(rng):
     trials = Trials(120, 160)
     camera = random_camera(rng, trials)
     scene = random_scene(rng, camera, None, trials)
     assert camera.photograph(scene, rng).truths == ()
-
-
-def test_optics_for_another_pitch_are_refused():
     with pytest.raises(ValueError, match=r"pitch of 4\.0 um"):
         SimulatedCamera(optics=Optics((PixelAperture(),), 4.0), pitch_um=3.76)
-
-
-def test_a_lens_cannot_focus_within_its_focal_length():
     with pytest.raises(ValueError, match="must focus beyond its focal length"):
         GREY.projection(40.0)
-
-
-def test_a_decentred_lens_is_free_of_field_aberrations_on_its_own_axis():
     lens = Lens(coma_um=0.1, astigmatism_um=0.2, field_curvature_um=0.1, axis=(0.1, -0.2))
     assert lens.wavefront(0.1, -0.2).flat
     assert not lens.wavefront(0.0, 0.0).flat
-
-
-def test_a_lens_darkens_about_its_own_axis():
     light = Lens(vignetting=(-0.3, 0.1, -0.05), axis=(0.6, 0.0)).falloff((301, 401))  # 250 to a corner but for the rim
     assert light[150, 350] == pytest.approx(1.0, abs=1e-4)
     assert light[0, 350] == pytest.approx(1 - 0.3 * 0.36 + 0.1 * 0.36**2 - 0.05 * 0.36**3, abs=1e-3)
-
-
-def test_a_tilted_sensor_defocuses_along_its_slope():
     lens = Lens(tilt_um=(0.1, -0.3))
     assert lens.wavefront(0.5, 0.2) == Wavefront(defocus_um=0.5 * 0.1 - 0.2 * 0.3)
 

@@ -52,7 +52,7 @@ def test_nothing_passes_beyond_the_cutoff_of_diffraction(wavefront):
     assert beyond == 0
 
 
-def test_the_airy_disc_comes_out_of_its_transfer_function():
+def test_optics_are_airys_and_marechals(rng):
     # intensity (2 J1(v) / v)^2, v = pi r / (wavelength N); normalised it has pi / 4 / (wavelength N)^2 at its centre
     optics, pitch = Optics((CircularPupil(8.0),), 2.0), 2.0
     psf = true_psf(optics, 4, 65)
@@ -62,9 +62,6 @@ def test_the_airy_disc_comes_out_of_its_transfer_function():
     airy = np.pi / 4 / reach**2 * (2 * j1(v) / v) ** 2 / 4**2
     # the sampled PSF repeats every 160 pixels: the neighbours' tails are all that differs
     np.testing.assert_allclose(psf.samples, airy, atol=2e-5 * airy.max())
-
-
-def test_weak_aberrations_cost_what_marechal_says():
     # Strehl = exp(-(2 pi rms / wavelength)^2) to second order; the next order is below rms^4
     wavefront = Wavefront(coma_x_um=0.02, spherical_um=0.015)
     phase = 2 * np.pi * np.hypot(0.02, 0.015) / WAVELENGTHS_UM["Y"]
@@ -73,9 +70,6 @@ def test_weak_aberrations_cost_what_marechal_says():
         np.sum(Optics((CircularPupil(5.6, w),), 4.0).otf(f[:, None], f[None, :]).real) for w in (wavefront, Wavefront())
     ]
     assert volumes[0] / volumes[1] == pytest.approx(np.exp(-(phase**2)), abs=phase**4)
-
-
-def test_a_flat_wavefront_by_quadrature_is_the_closed_form(rng):
     fx, fy = rng.uniform(-0.2, 0.2, (2, 100))
     tiny = Optics((CircularPupil(5.6, Wavefront(defocus_um=1e-9)),), 3.76)
     np.testing.assert_allclose(tiny.otf(fx, fy), Optics((CircularPupil(5.6),), 3.76).otf(fx, fy), atol=1e-6)
@@ -111,22 +105,16 @@ def test_positive_coma_throws_its_tail_towards_larger_x():
     assert far > 0.02
 
 
-def test_a_moved_image_moves_the_psf_the_same_way():
+def test_a_moved_image_and_a_bayer_plane_keep_the_psf_with_its_floor():
     h = true_psf(Optics((GaussianBlur(0.7), Path(((0.5, -0.25),))), 3.76), 4, 41).h
     x = (np.arange(41) - 20) / 4
     assert np.sum(h * x[None, :]) == pytest.approx(0.5, abs=1e-6)
     assert np.sum(h * x[:, None]) == pytest.approx(-0.25, abs=1e-6)
-
-
-def test_the_floor_and_the_energy_outside_account_for_what_the_support_cuts():
     optics = Optics.typical(f_number=11, pitch_um=3.76)
     wide, narrow = true_psf(optics, 4, 401), true_psf(optics, 4, 17)
     cut = np.pad(narrow.samples, 192)
     assert narrow.floor == pytest.approx(np.linalg.norm(wide.samples - cut) / np.linalg.norm(wide.samples), rel=1e-3)
     assert narrow.energy_outside - wide.energy_outside == pytest.approx(np.sum(wide.samples - cut), abs=1e-12)
-
-
-def test_a_bayer_plane_sees_the_optics_in_pixels_twice_as_large():
     optics = Optics.typical(pitch_um=3.76, gaussian_px=0.5)
     coarse, fine = true_psf(optics, 4, 17, pitch=2), true_psf(optics, 2, 17, pitch=1)
     # s samples per pixel of the plane are s / 2 per sensor pixel: the same grid in space, the same band

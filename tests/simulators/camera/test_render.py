@@ -57,16 +57,12 @@ def test_a_constant_scene_gives_a_constant_picture(colours):
 
 
 @pytest.mark.slow
-def test_blur_keeps_the_light_and_its_place():
+def test_blur_and_tilt_keep_light_and_places():
     # photosites without gaps count every ray once: the samples sum to the integral, whatever blurs between
     scene = Scene((frontal(80),), Wall(reflectance=0.0))
     sums = [render(scene, Optics((GaussianBlur(sigma), PixelAperture()), 4.0)).sum() for sigma in (0.6, 1.2)]
     # what the Gaussian of 0.6 px leaves at one cycle per pixel, exp(-7.1), the photosites cancel to rounding
     assert sums[0] == pytest.approx(sums[1], rel=1e-9)
-
-
-@pytest.mark.slow
-def test_a_tilted_sheet_lies_where_the_pinhole_puts_it():
     # with photosites without gaps the samples of a band-limited picture sum to its integral (Poisson): a sheet's area
     # and centroid are those of its projected corners. 0.001 px on every edge would be 0.45 px^2 and 0.001 px.
     pose = ObjectPose((1.0, -1.5, 1000.0), 20.0, -12.0, 33.0)
@@ -80,7 +76,7 @@ def test_a_tilted_sheet_lies_where_the_pinhole_puts_it():
     assert np.sum(light * y) / light.sum() == pytest.approx(centroid[1], abs=1e-4)
 
 
-def test_a_mark_is_where_the_truth_says():
+def test_marks_and_a_small_square_are_where_the_truth_and_distortion_say():
     # about its centre a mark turns into itself by half a turn, and so does a symmetric blur of it: put on a pixel's
     # centre it leaves no difference. 0.001 px off, the difference would be 0.002 px x slope, 0.5 per px: 1e-3.
     placed = frontal(150, mirrored=True)
@@ -92,15 +88,9 @@ def test_a_mark_is_where_the_truth_says():
     window = render(Scene((placed,)), projection=view)[y - 3 : y + 4, x - 3 : x + 4]
     assert np.ptp(window) > 0.5
     np.testing.assert_allclose(window, window[::-1, ::-1], atol=1e-4)
-
-
-def test_distortion_moves_marks_as_its_polynomial_says():
     view = Projection(5000.0, (99.5, 99.5), k1=-0.1, k2=0.02, radius_px=100.0)
     moved = view.distort(np.array([[99.5 + 50.0, 99.5], [99.5, 99.5 - 100.0]]))
     np.testing.assert_allclose(moved, [[99.5 + 50 * (1 - 0.025 + 0.00125), 99.5], [99.5, 99.5 - 92.0]])
-
-
-def test_a_small_square_draws_the_true_psf():
     # the image of a white square is the PSF of the optics and one more square aperture, at whole pixels
     dot = Shape(((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)), 1.0)
     view = Projection(5000.0, (100.0, 100.0))
@@ -131,13 +121,10 @@ def test_a_finer_grid_changes_the_picture_by_less_than_a_ten_thousandth(placed, 
     assert np.abs(eight - sixteen).max() < 1e-4
 
 
-def test_a_wider_margin_changes_the_picture_by_less_than_a_thousandth():
+def test_light_is_a_polynomial_and_a_wider_margin_changes_little():
     scene = Scene((TILTED,))
     near, wide = (render(scene, COMATIC, Region(30, 30, 140, 140), oversampling=4, margin_px=m) for m in (None, 80))
     assert np.abs(near - wide).max() < 1e-3
-
-
-def test_light_is_the_polynomial_about_its_centre():
     light = Illumination(2.0, (0.1, -0.2), (0.03, 0.04, -0.05), (10.0, 20.0), 50.0)
     assert light.at(np.array(60.0), np.array(120.0)) == pytest.approx(2 * (1 + 0.1 - 0.4 + 0.03 + 0.08 - 0.2))
     assert light.at(np.array(10.0), np.array(20.0)) == 2

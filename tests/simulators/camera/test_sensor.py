@@ -31,28 +31,19 @@ def test_rounding_adds_the_noise_of_rounding(rng):
     assert numbers.var() == pytest.approx((5000 + 100) / 2.5**2 + 1 / 12, rel=5 * (2 / N) ** 0.5)
 
 
-def test_light_beyond_the_full_well_is_lost(rng):
+def test_numbers_end_at_full_well_and_scale_with_each_colours_sensitivity(rng):
     sensor = Sensor(**SMALL, cfa=None, full_well_e=20000.0, gain_e_per_dn=2.0, read_noise_e=0.0, black=(100,) * 4)
     assert set(np.unique(sensor.expose(np.ones((40, 60)), 60000.0, rng))) == {10100}
     assert sensor.white == 10100
-
-
-def test_the_converter_ends_at_its_scale_and_at_zero(rng):
     sensor = Sensor(**SMALL, cfa=None, bits=10, full_well_e=1e6, gain_e_per_dn=1.0, black=(0,) * 4, read_noise_e=5.0)
     assert sensor.expose(np.ones((40, 60)), 5e4, rng).min() == 1023
     assert sensor.expose(np.zeros((40, 60)), 1.0, rng).min() == 0
-
-
-def test_linear_undoes_black_level_and_scale(rng):
     sensor = Sensor(**SMALL, black=(500, 510, 520, 530), read_noise_e=0.0, full_well_e=1e9)
     light = np.full((40, 60), 0.5)
     numbers = sensor.digitise(light * 1000 * sensor.gain_e_per_dn)
     linear = sensor.linear(numbers)
     for i, black in enumerate(sensor.black):
         np.testing.assert_allclose(linear[i // 2 :: 2, i % 2 :: 2], 500 / (sensor.white - black))
-
-
-def test_each_colour_of_the_mosaic_has_its_sensitivity(rng):
     sensor = Sensor(**SMALL, cfa="BGGR", black=(0,) * 4, gain_e_per_dn=0.1, full_well_e=1e9, read_noise_e=0.0, bits=16)
     numbers = sensor.expose(np.ones((40, 60)), 5000.0, rng)
     means = {name: numbers[y::2, x::2].mean() / 50000 for name, (x, y) in sensor.planes.items()}
@@ -68,15 +59,12 @@ def test_g1_is_the_green_on_the_red_rows(cfa, g1, g2):
     assert (planes["G1"], planes["G2"]) == (g1, g2)
 
 
-def test_photosites_respond_unequally_but_always_alike(rng):
+def test_photosites_respond_unequally_by_curve_and_amplification(rng):
     sensor = Sensor(200, 200, None, prnu=0.02, read_noise_e=0.0, gain_e_per_dn=1.0, bits=16)
     frames = [sensor.expose(np.ones((200, 200)), 20000.0, rng).astype(float) for _ in range(2)]
     fixed = np.mean((frames[0] - frames[0].mean()) * (frames[1] - frames[1].mean())) ** 0.5
     # 40 000 photosites: the sd of an sd is 1 / sqrt(2 n) of it, and photon noise adds less than that
     assert fixed / 20000 == pytest.approx(0.02, rel=0.02)
-
-
-def test_a_curved_response_keeps_black_and_white():
     sensor = Sensor(1, 3, None, full_well_e=1e4, gain_e_per_dn=1.0, read_noise_e=0.0, curvature=0.1, black=(0,) * 4)
 
     class Still:  # no photon noise
@@ -88,13 +76,7 @@ def test_a_curved_response_keeps_black_and_white():
 
     read = sensor.electrons(np.array([[0.0, 5000.0, 10000.0]]), Still())
     np.testing.assert_allclose(read, [[0, 5250, 10000]])
-
-
-def test_amplification_divides_the_electrons_per_number():
     assert Sensor(gain_e_per_dn=2.4).at_iso(400).gain_e_per_dn == pytest.approx(0.6)
-
-
-def test_a_tile_that_is_no_bayer_tile_is_refused():
     with pytest.raises(ValueError, match="one R, two G and one B"):
         Sensor(cfa="RGBW")
     with pytest.raises(ValueError, match="10, 12, 14 or 16 bits"):

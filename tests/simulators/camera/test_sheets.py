@@ -32,7 +32,7 @@ def test_a_grating_keeps_the_contrast_that_the_optics_leave_it(period):
     assert (mean, even, odd) == pytest.approx((0.5, expected, 0.0), abs=0.02 * expected + 1e-4)
 
 
-def test_a_sheet_hides_what_lies_behind_it_and_its_edge_is_where_it_ends():
+def test_sheets_hide_each_other_and_move_through_their_own_optics(rng):
     behind = FlatSheet(np.full((400, 640), 0.2, np.float32), 0.5)
     cover = np.zeros((400, 640), np.float32)
     cover[:, :320] = 1.0
@@ -42,26 +42,17 @@ def test_a_sheet_hides_what_lies_behind_it_and_its_edge_is_where_it_ends():
     np.testing.assert_allclose(row[-20:], 0.2, atol=0.01)
     # the middle of the frame is where the front sheet ends: as much light as if it were cut there, sharp
     assert row.mean() == pytest.approx(0.5, abs=2e-3)
-
-
-def test_each_sheet_moves_by_its_own_path(rng):
     picture = leaves((400, 640), rng, largest=80.0)
     still = draw([at(4000.0, FlatSheet(picture, 0.25))], PROJECTION, SHAPE, GREY)
     moved = OPTICS.also(Path(((-3.0, 0.0), (3.0, 0.0))))
     twice = draw([at(4000.0, FlatSheet(picture, 0.25), moved)], PROJECTION, SHAPE, GREY)
     np.testing.assert_allclose(twice[:, 3:-3], (still[:, 6:] + still[:, :-6]) / 2, atol=2e-5)
-
-
-def test_a_mosaic_shows_every_colour_through_its_own_optics(rng):
     sheet = FlatSheet(leaves((400, 640), rng, largest=80.0), 0.25)
     tile = {(0, 0): "R", (1, 0): "G", (0, 1): "G", (1, 1): "B"}
     mosaic = draw([at(4000.0, sheet)], PROJECTION, SHAPE, tile)
     for (x, y), colour in tile.items():
         alone = draw([at(4000.0, sheet)], PROJECTION, SHAPE, {(0, 0): colour})
         np.testing.assert_array_equal(mosaic[y::2, x::2], alone[y::2, x::2])
-
-
-def test_leaves_are_as_rough_from_nearby_as_from_afar(rng):
     picture = leaves((512, 512), rng, largest=200.0)
     coarse = picture.reshape(128, 4, 128, 4).mean(axis=(1, 3))
     fine, far = (np.mean(np.abs(np.diff(one, axis=1))) for one in (picture, coarse))
@@ -69,7 +60,7 @@ def test_leaves_are_as_rough_from_nearby_as_from_afar(rng):
     assert 0.3 < fine / far < 1.0
 
 
-def test_a_sheet_that_stands_still_while_it_moves_is_drawn_as_it_is():
+def test_a_sheet_that_moves_is_blurred_by_its_path():
     rng = np.random.default_rng(2)
     cover = np.zeros((400, 640), np.float32)
     cover[:, :320] = 1.0
@@ -80,9 +71,6 @@ def test_a_sheet_that_stands_still_while_it_moves_is_drawn_as_it_is():
     moving = draw_moving([back, front], [[back.pose, front.pose]] * 2, PROJECTION, SHAPE, GREY)
     # cubic reading at whole samples gives them back
     np.testing.assert_allclose(moving, draw([back, front], PROJECTION, SHAPE, GREY), atol=1e-4)
-
-
-def test_a_sheet_that_shifts_is_blurred_as_by_the_path():
     rng = np.random.default_rng(3)
     sheet = FlatSheet(leaves((400, 640), rng, largest=30.0), 0.5)
     t = np.linspace(0, 2 * np.pi, 40, endpoint=False)

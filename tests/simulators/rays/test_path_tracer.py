@@ -72,16 +72,13 @@ def test_a_perfectly_white_convex_thing_is_invisible_in_even_light(shape):
     np.testing.assert_allclose(samples, 0.7, rtol=1e-9)
 
 
-def test_gloss_never_makes_light():
+def test_light_is_conserved_by_gloss_and_by_a_closed_room():
     ball = Sphere((0, 0, 1000), 400, Material((1.0, 1.0, 1.0), gloss=0.7, exponent=20))
     camera = ThinLensCamera(8, 8, pitch_um=4000)
     picture = render(RayScene([ball], sky=(1.0, 1.0, 1.0)), camera, 400).mean((2, 3))
     # the lobe that would go below the surface is lost, so the rim is darker; four standard deviations above 1 at most
     assert picture.max() < 1.05
     assert picture[4, 4] > 0.9
-
-
-def test_light_in_a_closed_room_adds_up_as_a_geometric_series():
     # every wall shines with 1/2 and sends back 1/2: 1/2 + 1/4 + ... of 12 surfaces
     wall = Material((0.5, 0.5, 0.5), emission=(0.5, 0.5, 0.5))
     s, walls = 1000.0, []
@@ -173,7 +170,7 @@ def test_a_moving_camera_smears_against_its_motion():
     assert variance[1] < 0.5
 
 
-def test_a_texture_is_seen_the_right_way_round():
+def test_textures_and_mirrors_are_seen_the_right_way_round():
     texture = np.zeros((2, 3, 3))
     texture[0, 0] = 1.0, 0.2, 0.2
     texture[1, 2] = 0.2, 0.2, 1.0
@@ -181,9 +178,6 @@ def test_a_texture_is_seen_the_right_way_round():
     camera = ThinLensCamera(2, 3, focal_mm=50, focus_mm=1000, pitch_um=100 / 19 * 1000)
     picture = render(RayScene([sheet], sky=(1, 1, 1)), camera, 50).mean(2)
     np.testing.assert_allclose(picture, texture, atol=1e-9)
-
-
-def test_a_mirror_shows_what_is_before_it():
     mirror = InfinitePlane((0, 0, 1000), (0, 0, -1), Material((0, 0, 0), gloss=1.0, exponent=1e7))
     shine = Material((0.0, 0.0, 0.0), emission=(1.0, 1.0, 1.0))
     behind = Rectangle((200, -100, -1000), (200, 0, 0), (0, 200, 0), shine)  # shines forwards, towards the mirror
@@ -206,7 +200,7 @@ def scene():
 CAMERA = ThinLensCamera(40, 70, pitch_um=400, f_number=2.0)
 
 
-def test_samples_do_not_depend_on_threads_or_pauses(scene):
+def test_samples_depend_on_the_seed_and_wish_alone(scene, rng):
     whole = render(scene, CAMERA, 12)
     again = render(scene, CAMERA, 12, threads=3)
     np.testing.assert_array_equal(whole, again)
@@ -216,16 +210,10 @@ def test_samples_do_not_depend_on_threads_or_pauses(scene):
         cast(scene, CAMERA, wanted, parts, seed=1, taken=taken)
         taken = parts.count()
     np.testing.assert_array_equal(whole, parts.array())
-
-
-def test_other_seeds_give_other_samples_of_the_same_light(scene):
     one, two = (render(scene, CAMERA, 16, seed) for seed in (1, 2))
     assert (one != two).any((2, 3)).mean() > 0.5
     error = np.hypot(one.std(), two.std()) / np.sqrt(one.size / 3)
     assert one.mean() == pytest.approx(two.mean(), abs=4 * error)
-
-
-def test_every_pixel_gets_as_many_samples_as_it_wants(scene, rng):
     wanted = rng.integers(0, 5, (40, 70))
     recorder, collected = Recorder(40, 70), []
     cast(scene, CAMERA, wanted, recorder, seed=1, progress=lambda done, total: collected.append((done, total)))

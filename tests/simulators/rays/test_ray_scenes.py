@@ -8,7 +8,7 @@ from simulators.rays.ray_scenes import SCENES, chart_texture, dead_leaves, text_
 from simulators.world.scene import INK, PAPER
 
 
-def test_the_printed_chart_is_the_chart():
+def test_charts_and_leaves_are_drawn_as_they_are(rng):
     chart = Chart.from_seed()
     texture = chart_texture(chart, texels_per_cell=2, margin_cells=5)
     noise = texture[2 * (5 + 32) : 2 * (5 + 32 + CELLS) : 2, 2 * (5 + 32) : 2 * (5 + 32 + CELLS) : 2]
@@ -17,16 +17,10 @@ def test_the_printed_chart_is_the_chart():
     x, y = (2 * (X_CORNERS + 37)).astype(int).T  # two black and two white quarters meet there
     np.testing.assert_allclose(texture[y - 8, x], INK, atol=1e-9)
     np.testing.assert_allclose(texture[y, x + 8], PAPER, atol=1e-9)
-
-
-def test_print_is_ink_on_paper():
     page = text_texture(("AB", "12"))
     assert page.min() == pytest.approx(INK)
     assert page[0, 0] == pytest.approx(PAPER)
     assert 0.01 < (page < 0.5).mean() < 0.3
-
-
-def test_dead_leaves_look_alike_at_every_scale(rng):
     # between the smallest and the largest leaf, averages over 2 x 2 texels keep nearly all contrast: a white texture's
     # would halve
     picture = dead_leaves(rng, 256, smallest=4.0, largest=60.0).mean(-1)
@@ -46,13 +40,10 @@ def test_every_scene_can_be_photographed(name):
     assert 0.1 < film.mean.mean() < 1.0
 
 
-def test_two_scenes_have_a_depth_of_field():
+def test_scenes_have_a_depth_of_field_and_a_film_may_be_resumed():
     # at the paper's size of picture, 512 pixels wide, what is twice as far as the focus is a disc of many pixels
     cameras = [make(384, 512)[1] for make in SCENES.values()]
     assert sorted(blur_diameter_px(camera, 2 * camera.focus_mm) > 5 for camera in cameras) == [False, True, True]
-
-
-def test_a_film_that_is_resumed_is_the_film_of_one_go():
     scene, camera = SCENES["steps-from-a-slider"](16, 24)
     whole, parts = Film.blank(16, 24), Film.blank(16, 24)
     cast(scene, camera, 9, whole.add, seed=3)

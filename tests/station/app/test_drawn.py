@@ -46,7 +46,7 @@ def test_a_layout_fits_its_room(rows, columns, width, height):
     assert len(cells.levels) // 2 <= max(height, 1)
 
 
-def test_marks_lie_where_they_are_in_the_plane():
+def test_marks_lie_where_they_are_in_the_plane_and_help_breaks_where_the_terminal_does():
     samples = np.zeros((400, 600), np.float32)
     samples[200:, 300:] = 1.0
     cells = lay_out(thumbnail(Plane("G1", samples, 1e-3), [(300.0, 200.0)]), 60, 20)
@@ -55,16 +55,10 @@ def test_marks_lie_where_they_are_in_the_plane():
     assert letters[10][30] == "X"
     assert letters[15][45] == "@"
     assert letters[5][45] == " "
-
-
-def test_a_page_shown_as_help_breaks_where_the_terminal_does_and_leaves_drawings_alone():
     page = "# Words\n\n**s/t**: how many\nsamples (`station\nmanual x`).\n\n```\n o   o\n`-' o\n```\nAfter\nit.\n"
     assert paragraphs_of(page) == [
         "# Words", "", "s/t: how many samples (station manual x).", "", " o   o", "`-' o", "After it."
     ]  # fmt: skip
-
-
-def test_marks_outside_the_plane_are_not_shown():
     plane = Plane("G1", np.ones((40, 60), np.float32), 1e-3)
     assert not lay_out(thumbnail(plane, [(-5.0, 3.0), (70.0, 3.0)]), 30, 10).marked
 
@@ -85,16 +79,12 @@ def test_a_falling_line_falls(ascii):
     assert shown[-1] == 19
 
 
-def test_a_band_lies_on_both_sides_of_its_curve():
+def test_curves_and_bands_are_distinguished_without_colour():
     x = np.linspace(0, 1, 50)
     lines = plot([TerminalCurve(x, 0 * x + 0.5, band=0 * x + 0.25)], TerminalFrame((0, 1), (0, 1)), 45, 22, ascii=True)
     column = "".join(line[GUTTER + 4] for line in lines[:-1])
     assert column.count("*") == 1
     assert column.index(".") < column.index("*") < column.rindex(".")
-
-
-def test_two_curves_are_distinguished_without_colour():
-    x = np.linspace(0, 1, 50)
     one, other = TerminalCurve(x, 0 * x + 0.2), TerminalCurve(x, 0 * x + 0.8, dashed=True)
     lines = plot([one, other], TerminalFrame((0, 1), (0, 1)), 45, 12)
     rows = [line[GUTTER:] for line in lines[:-1] if line[GUTTER:].strip()]
@@ -129,19 +119,13 @@ def test_limited_terminals_get_plain_letters(environ, encoding, glyphs):
     assert glyphs_for(environ, encoding) is glyphs
 
 
-def test_the_time_left_follows_from_the_parts_done():
+def test_the_time_left_and_the_devices_line_fit():
     began, now = ProgressEvent("estimating", 0, 8), ProgressEvent("estimating", 2, 8)
     assert left_of(began, began, 0.0) is None
     assert left_of(began, now, 10.0) == pytest.approx(30.0)
     assert "about 25 s left" in progress_in_words(now, 5.0, 30.0, UNICODE)
     assert "2 of 8" in progress_in_words(now, 5.0, None, UNICODE)
-
-
-def test_a_given_time_is_counted_down():
     assert "about 1 min 10 s left" in progress_in_words(ProgressEvent("homing", left_s=75.0), 5.0, 75.0, UNICODE)
-
-
-def test_the_devices_line_ends_between_devices():
     parts = [literal(word) for word in ("F12 STOP ALL", "stage: homing", "imu: ready", "a name that is much too long")]
     assert packed(parts, 28).plain == "F12 STOP ALL  stage: homing\nimu: ready\na name that is much too long"
 

@@ -15,6 +15,8 @@ from station.procedure.schema import procedure_named, schema_of
 from tests.golden import cases
 from tests.program import run
 
+from .test_registry import here
+
 pytestmark = pytest.mark.slow
 
 
@@ -32,8 +34,9 @@ def record_of(out: Path, row: dict, name: str) -> dict:
 
 
 @pytest.fixture
-def batch(tmp_path):
-    """batch(name, text, *folders): the rows of a batch by name, and its folder."""
+def batch(tmp_path, monkeypatch):
+    """batch(name, text, *folders): the rows of a batch by name, and its folder; in this process."""
+    monkeypatch.setattr("station.batch.run._answers", here)
 
     def batch(name: str, text: str, *folders: Path, code: int = 1, options: tuple[str, ...] = ()):
 
@@ -44,20 +47,6 @@ def batch(tmp_path):
         return by_name(out), out
 
     return batch
-
-
-def test_vignetting_of_each_folder(batch, tmp_path):
-    (tmp_path / "in" / "good").mkdir(parents=True)
-    (tmp_path / "in" / "bad").mkdir()
-    cases.vignetting(tmp_path / "in" / "good")
-    (tmp_path / "in" / "bad" / "a.png").write_bytes(b"no picture")
-    rows, out = batch("vignetting", "[limits]\ncorner_light = { max = 0.9 }\n", tmp_path / "in")
-    assert rows["bad/a.png"]["verdict"] == "unreadable"
-    assert rows["good/a.png"]["specification"] == "meets"
-    # the light is 0.5 - 0.1 (x² + y²): in the corner (0.5 - 0.2) / 0.5
-    light = record_of(out, rows["good/a.png"], "vignetting")["planes"]["Y"]["corner_light"]
-    assert light["value"] == pytest.approx(0.6, abs=4 * light["uncertainty"] + 0.002)
-    assert record_of(out, rows["bad/a.png"], "vignetting")["planes"] == {}
 
 
 def test_sensors_of_each_folder(batch, tmp_path):

@@ -24,7 +24,8 @@ from tests.station.cli.test_refocus import write_restored
 from tests.station.cli.test_stability import write_results
 
 pytestmark = pytest.mark.slow
-PLANE = 'planes = ["G1"]\n'
+SAMPLES = "parameters = { s = 3, k = 13 }\n"
+PLANE = f'planes = ["G1"]\n{SAMPLES}'
 
 
 def made(case: Callable[[Path], object], text: str) -> Callable[[Path, pytest.MonkeyPatch], str]:
@@ -95,7 +96,7 @@ RESTORE = '[settings]\nblur = "defocus"\nshape = "gaussian"\nratio = 1.5\nmax_w 
 BATCHES: dict[str, tuple[Callable[[Path, pytest.MonkeyPatch], str], str]] = {
     "correct": (correct, "noise_gain"),
     "edge": (made(cases.edge, ""), "mtf50"),
-    "field": (made(cases.field, ""), "mtf50_horizontal"),
+    "field": (made(cases.field, SAMPLES), "mtf50_horizontal"),
     "geometry": (geometry, "fx"),
     "pattern": (made(pattern, PLANE), "mtf50_horizontal"),
     "rays": (made(cases.rays, "[settings]\nscales = 1\nthreads = 1\n"), "similar_patches"),
@@ -107,8 +108,8 @@ BATCHES: dict[str, tuple[Callable[[Path, pytest.MonkeyPatch], str], str]] = {
     "sharpen": (sharpen, "noise_gain"),
     "stability": (stability, "mtf_sensitivity"),
     "tilt": (tilt, "tilt_horizontal"),
-    "two-photo": (made(cases.two_photo, 'pairs = { near = "near", far = "far" }\n'), "mtf50_horizontal"),
-    "witnessed": (made(cases.witnessed, "[settings]\nexposure_ratio = 2\n"), "mtf50_horizontal"),
+    "two-photo": (made(cases.two_photo, 'pairs = { near = "near", far = "far" }\n' + SAMPLES), "mtf50_horizontal"),
+    "witnessed": (made(cases.witnessed, f"{SAMPLES}[settings]\nexposure_ratio = 2\n"), "mtf50_horizontal"),
     "vignetting": (made(cases.vignetting, ""), "corner_light"),
 }
 """Inputs and procedure file, and a number that has a limit."""

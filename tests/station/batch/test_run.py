@@ -28,6 +28,8 @@ from station.batch.stored_rows import _against
 from station.calibration.folder_photographs import Item, find_frames, singly
 from tests.program import run
 
+from .test_registry import here
+
 SLOW_FIXTURES = {"done", "interrupted"}
 ROOT = Path(__file__).parents[3]
 LIMITS = "[limits]\nmtf50_horizontal = { min = 0.4 }\n"
@@ -60,7 +62,7 @@ def done(tmp_path_factory, chart_photograph):
     return SimpleNamespace(folder=folder, out=folder / "out", result=result, rows=rows_of(folder / "out"))
 
 
-def test_good_photographs_pass_and_broken_ones_are_named(done):
+def test_table_page_and_results_have_every_photograph_and_broken_ones_are_named(done):
     assert done.result.exit_code == 1, done.result.output
     verdicts = {Path(row["files"][0]).relative_to(done.folder / "in"): row["verdict"] for row in done.rows}
     expected = {Path(f"{name}.dng"): "pass" for name in GOOD} | {Path(f"{n}.dng"): v for n, v in BROKEN.items()}
@@ -68,22 +70,13 @@ def test_good_photographs_pass_and_broken_ones_are_named(done):
     for row in done.rows:
         assert bool(row["reason"]) == (row["verdict"] != "pass")
         assert bool(row["remedy"]) == (row["verdict"] != "pass")
-
-
-def test_table_counts_and_names(done):
     assert "4 trusted, 1 refused, 3 unreadable" in " ".join(done.result.stdout.split())
     assert all(f"{name}.dng" in done.result.stdout for name in BROKEN)
     assert "8 of 8, " in done.result.stderr
     assert "left:" in done.result.stderr
-
-
-def test_page_links_to_what_is_there(done):
     links = {unquote(one) for one in re.findall(r'href="(results/[^"]+)"', (done.out / "report.html").read_text())}
     assert links == {f"{row['folder']}/result.json" for row in done.rows if row["folder"]}
     assert all((done.out / link).is_file() for link in links)
-
-
-def test_every_result_is_as_the_psf_command_writes_it(done):
     for row in done.rows:
         folder = done.out / row["folder"]
         record = json.loads((folder / "result.json").read_text())
@@ -254,7 +247,8 @@ HOSTILE = ["<script>alert(1)</script>", "=cmd|'!A0", "line\nbreak", "\x1b[2Jclea
 
 
 @pytest.mark.slow
-def test_hostile_names_write_nothing_outside_and_break_nothing(tmp_path, chart_photograph):
+def test_hostile_names_write_nothing_outside_and_break_nothing(tmp_path, chart_photograph, monkeypatch):
+    monkeypatch.setattr("station.batch.run._answers", here)
     source, out = tmp_path / "in", tmp_path / "out"
     good = chart_photograph(tmp_path / "good.dng").read_bytes()
     source.mkdir()
@@ -315,7 +309,8 @@ def test_interrupted_batch_keeps_what_is_done(interrupted, tmp_path, times):
 
 
 @pytest.mark.slow
-def test_strict_counts_doubt_as_failure_and_json_is_the_record(tmp_path, chart_photograph):
+def test_strict_counts_doubt_as_failure_and_json_is_the_record(tmp_path, chart_photograph, monkeypatch):
+    monkeypatch.setattr("station.batch.run._answers", here)
     chart_photograph(tmp_path / "in" / "a.dng")
     row = singly([tmp_path / "in" / "a.dng"])[0]
     procedure = procedure_of(tmp_path, "")

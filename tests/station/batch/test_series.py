@@ -10,7 +10,7 @@ import pytest
 from station.batch.item import ItemRow, PlaneRow
 from station.batch.procedure_file import read_procedure
 from station.calibration.series import Point, SeriesSetting, best_apertures, points_of, series_table, several
-from station.procedure.builtin.series import PROCEDURE
+from station.procedure.builtin.series import Series
 from station.reports.batches.series_page import series_page
 from tests.program import run
 
@@ -24,19 +24,13 @@ def row(f_number, mtf50, sd=0.001, plane="G1", verdict="pass", **noted):
     return ItemRow(("a",), verdict, planes={plane: PlaneRow(verdict, "", "", numbers)}, noted=notes)
 
 
-def test_photographs_of_one_setting_are_put_together():
+def test_photographs_of_one_setting_are_put_together_in_order():
     (point,) = points_of([row(4.0, 0.30, 0.002), row(4.0, 0.30, 0.002), row(4.0, 0.9, verdict="refused")])
     assert (point.value, point.photographs) == (pytest.approx(0.30), 2)
     assert point.uncertainty == pytest.approx(0.002 / 2**0.5)
-
-
-def test_scatter_beyond_the_uncertainties_widens_them():
     (point,) = points_of([row(4.0, 0.29, 0.001), row(4.0, 0.31, 0.001)])
     # of two values the standard error is half their distance
     assert point.uncertainty == pytest.approx(0.01)
-
-
-def test_settings_are_kept_apart_and_in_order():
     points = points_of([row(8.0, 0.3), row(4.0, 0.3), row(4.0, 0.2, iso=400.0), row(4.0, 0.3, plane="B")])
     assert [(one.plane, one.setting.f_number, one.setting.iso) for one in points] == [
         ("B", 4.0, 100.0), ("G1", 4.0, 100.0), ("G1", 4.0, 400.0), ("G1", 8.0, 100.0),
@@ -56,12 +50,9 @@ def test_confidence_in_the_best_aperture_is_the_chance_that_it_is(apart, confide
         assert "best at f/5.6, MTF50 0.3" in best.words
 
 
-def test_one_aperture_is_not_called_the_best():
+def test_a_series_has_a_table_and_a_page_of_every_point():
     assert best_apertures(points_of([row(4.0, 0.3), row(4.0, 0.31)])) == []
     assert best_apertures(points_of([row(None, 0.3)])) == []
-
-
-def test_table_and_page_show_every_point():
     points = points_of([row(f, v) for f, v in ((2.8, 0.25), (4.0, 0.31), (5.6, 0.33), (None, 0.2))])
     table = list(csv.DictReader(io.StringIO(series_table(points).decode())))
     assert [one["f_number"] for one in table] == ["", "2.8", "4", "5.6"]
@@ -71,16 +62,10 @@ def test_table_and_page_show_every_point():
     text = " ".join(" ".join(tree.itertext()).split())
     assert "Best at f/5.6" in text or "best at f/5.6" in text
     assert "over the f-number; the bars hold 95 %" in page
-
-
-def test_photographs_of_another_lens_or_camera_are_named():
     rows = [row(4.0, 0.3, lens="50 mm", camera="one"), row(5.6, 0.3, lens="35 mm", camera="one"), row(8.0, 0.3)]
     assert several(rows) == ["the photographs are of several lenses: 35 mm, 50 mm"]
-
-
-def test_the_summary_of_a_series_is_its_table_and_page_and_the_best_aperture():
     rows = [row(4.0, 0.31), row(5.6, 0.33)]
-    found = PROCEDURE.summary(rows)
+    found = Series().summary(rows)
     assert list(found.files) == ["series.csv", "series.html"]
     assert found.files["series.csv"] == series_table(points_of(rows))
     assert found.lines[0].startswith("G1: best at f/5.6")

@@ -45,11 +45,8 @@ def driver(monkeypatch):
     device_models.drivers.cache_clear()
 
 
-def test_it_is_one_short_file():
+def test_it_is_one_short_file_that_contributing_shows():
     assert len((PACKAGE / "toy_stage.py").read_text().splitlines()) <= 180
-
-
-def test_contributing_shows_the_driver_that_is_tried():
     (shown,) = re.findall(
         r"```python\n(class ToyStage.*?)```", (ROOT / ".github" / "CONTRIBUTING.md").read_text(), re.S
     )

@@ -26,7 +26,7 @@ from station.calibration.folder_photographs import by_folder, find_frames
 from station.calibration.geometry import GeometryPhotographs, PlaneGeometry, ViewRecord, conclude
 from station.calibration.geometry_files import geometry_measurement
 from station.calibration.stored_cameras import StoredCamera, read_camera, read_rig_camera
-from station.procedure.builtin.geometry import PROCEDURE
+from station.procedure.builtin.geometry import CameraGeometry
 from station.results.measurement import write_measurement
 from station.results.record_head import RecordHead, files_read
 from station.results.result_files import ResultFolder
@@ -57,7 +57,7 @@ def result(shoot, outcome, tmp_path_factory) -> Path:
     with ResultFolder(path) as folder:
         head = RecordHead("geometry", files_read(shoot.records), {"width_mm": 300.0})
         measured = geometry_measurement([PlaneGeometry(shoot, outcome)], head)
-        folder.write("report.html", PROCEDURE.page(measured))
+        folder.write("report.html", CameraGeometry().page(measured))
         write_measurement(folder, measured)
     return path
 
@@ -139,31 +139,24 @@ def test_colmap_reads_its_file_with_its_own_pixel_centres(result, tmp_path):
     assert made.lost == ()
 
 
-def test_ros_camera_info_is_yaml_with_opencvs_numbers(result):
+def test_other_programs_formats_have_opencvs_numbers(result):
     ros = yaml.safe_load(export_camera(read_camera(result), "ros").data.decode())
     pixels, directions = rays(read_camera(result).camera)
     assert ros["distortion_model"] == "plumb_bob"
     seen = opencv_pixels(ros["camera_matrix"]["data"], ros["distortion_coefficients"]["data"], directions)
     np.testing.assert_allclose(seen, pixels, atol=1e-5)
     assert ros["projection_matrix"]["data"][:3] == ros["camera_matrix"]["data"][:3]
-
-
-def test_kalibrs_chain_is_yaml_with_opencvs_numbers(result):
     camera = yaml.safe_load(export_camera(read_camera(result), "kalibr").data.decode())["cam0"]
     fx, fy, cx, cy = camera["intrinsics"]
     pixels, directions = rays(read_camera(result).camera)
     assert (camera["distortion_model"], camera["resolution"]) == ("radtan", list(TRUTH.size))
     seen = opencv_pixels([fx, 0, cx, 0, fy, cy, 0, 0, 1], camera["distortion_coeffs"], directions)
     np.testing.assert_allclose(seen, pixels, atol=1e-5)
-
-
-def test_mrcals_model_is_a_python_literal_with_its_keys(result):
     lens = ast.literal_eval(export_camera(read_camera(result), "mrcal").data.decode())
     assert lens["lensmodel"] == "LENSMODEL_OPENCV4"
     assert len(lens["intrinsics"]) == 8
     assert lens["imagersize"] == list(TRUTH.size)
     assert lens["valid_intrinsics_region"][0] == lens["valid_intrinsics_region"][-1]
-    pixels, directions = rays(read_camera(result).camera)
     fx, fy, cx, cy, *distortion = lens["intrinsics"]
     np.testing.assert_allclose(
         opencv_pixels([fx, 0, cx, 0, fy, cy, 0, 0, 1], distortion, directions), pixels, atol=1e-5

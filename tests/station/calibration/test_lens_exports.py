@@ -57,14 +57,11 @@ COLOURS = {"R": lateral("R", 0.3), "B": lateral("B", -0.2)}
 # --- lensfun --------------------------------------------------------------------------------------------------------
 
 
-def test_decentring_is_what_lensfun_loses_in_pixels():
+def test_the_entry_of_lensfun_has_what_its_schema_asks_for():
     # the centre is fitted with it, which takes most of p1 and p2 at a distance
     plain, decentred = best_radial(stored()), best_radial(stored(DECENTRED))
     assert plain.difference.rms_px < 0.02
     assert 0.02 < decentred.difference.rms_px < decentred.difference.max_px < 1
-
-
-def test_the_entry_has_what_lensfuns_schema_asks_for():
     made = export_lensfun(stored(), NAMES, COLOURS, LIGHT)
     top = ElementTree.fromstring(made.data)
     lens = top.find("lens")
@@ -84,7 +81,7 @@ def lensfun_modifier(text: str, **wanted):
     return modifier
 
 
-def test_lensfun_undoes_the_distortion():
+def test_lensfun_corrects_distortion_colour_and_vignetting_within_the_stated_errors():
     made = export_lensfun(stored(), NAMES)
     seen = lensfun_modifier(made.data).apply_geometry_distortion()
     estimate = best_radial(stored())
@@ -96,9 +93,6 @@ def test_lensfun_undoes_the_distortion():
     inside = ((true > 0) & (true < [COLUMNS - 1, ROWS - 1])).all(axis=1)
     error = np.linalg.norm(seen[y.ravel(), x.ravel()] - true, axis=1)[inside]
     assert error.max() < estimate.difference.max_px + 2e-3
-
-
-def test_lensfun_undoes_lateral_colour_to_a_twentieth_of_a_pixel():
     made = export_lensfun(stored(), NAMES, COLOURS)
     seen = lensfun_modifier(made.data).apply_subpixel_distortion()
     for channel, plane in ((0, "R"), (2, "B")):
@@ -106,9 +100,6 @@ def test_lensfun_undoes_lateral_colour_to_a_twentieth_of_a_pixel():
         moved = seen[places[:, 1], places[:, 0], channel] - places
         true, _ = COLOURS[plane].at(places / 2)
         assert np.sqrt(np.mean(np.sum((moved - true) ** 2, axis=1))) < 0.05
-
-
-def test_lensfun_corrects_vignetting_within_its_stated_error():
     made = export_lensfun(stored(), NAMES, None, LIGHT)
     y, x = np.mgrid[:ROWS, :COLUMNS]
     places = np.column_stack([x.ravel(), y.ravel()])

@@ -76,17 +76,13 @@ def test_photutils_reads_the_grid_and_sees_the_psf(field, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_field_of_another_sampling_is_no_stdpsf(field):
+def test_a_polynomial_over_the_frame_is_the_field_of_its_sampling(field):
     coarse = interpolate(
         "G1", SHAPE, [Node(n.position, n.position_covariance, n.sensor_position, Psf(n.psf.h, 3, n.psf.covariance),
                            number=n.number) for n in field.nodes]
     ).field  # fmt: skip
     with pytest.raises(BadParameter, match="4 samples per pixel; the field has 3"):
         PSF_FORMATS["stdpsf"](coarse)
-
-
-@pytest.mark.slow
-def test_a_polynomial_over_the_frame_is_the_field_within_its_stated_error(field):
     estimate = as_polynomial(field, allowed=0.002)
     point = np.array([[40.0, 22.0]])
     place = (point - estimate.centre) / estimate.scale

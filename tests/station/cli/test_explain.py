@@ -28,12 +28,9 @@ def result(tmp_path_factory):
     return folder / "out"
 
 
-def test_every_term_of_a_budget_has_a_remedy():
+def test_every_term_has_a_remedy_and_the_last_result_is_meant(tmp_path):
     assert REMEDIES.keys() >= TERMS.keys()
     assert digital_twin.TWINS.keys() == TWIN
-
-
-def test_the_last_result_of_a_session_is_meant(tmp_path):
     for number in (1, 2, 10):
         (tmp_path / "derived" / str(number)).mkdir(parents=True)
         (tmp_path / "derived" / str(number) / "result.json").touch()
@@ -42,14 +39,11 @@ def test_the_last_result_of_a_session_is_meant(tmp_path):
     assert result_folder(two) == result_folder(two / "result.json") == two
 
 
-def test_a_plane_without_a_budget_has_its_cause_alone():
+def test_terms_that_remain_are_those_that_the_remedy_halves():
     planes = PlaneResult("G1", Verdict.PASS), PlaneResult("B", Verdict.REFUSED, "dark", "light")
     blue, green = explain_result(Measurement("station/psf/1", RecordHead("pattern"), planes))
     assert (blue.plane, blue.verdict, blue.reason, blue.remedy) == ("B", "refused", "dark", "light")
     assert (green.number, green.value, green.uncertainty, green.terms) == ("", "", 0.0, ())
-
-
-def test_only_terms_that_the_remedy_halves_remain():
     number = Quantity(51.4, "um", 0.6, "", 9)
     budget = {"tilt_corner": {"budget": {"noise": 0.36, "squareness": 0.48}}}
     plane = PlaneResult("Y", Verdict.PASS, numbers={"tilt_corner": number}, details=budget)
@@ -57,9 +51,6 @@ def test_only_terms_that_the_remedy_halves_remain():
     assert [(term.term, term.uncertainty_then) for term in one.terms] == [
         ("squareness", pytest.approx(0.36)), ("noise", pytest.approx((0.48**2 + 0.18**2) ** 0.5)),
     ]  # fmt: skip
-
-
-def test_edges_of_a_plane_share_their_mean_budget():
     budgets = {"noise": 0.3, "ghost": 0.0}, {"noise": 0.0, "ghost": 0.4}
     edges = [{"verdict": "refused"}, *({"mtf50": {"value": 0.3, "budget": budget}} for budget in budgets)]
     plane = PlaneResult("Y", Verdict.PASS, numbers={"mtf50": Quantity(0.3, "cycles/pixel", 0.05, "", 9)})
@@ -72,7 +63,7 @@ def test_edges_of_a_plane_share_their_mean_budget():
     assert one.terms[0].uncertainty_then == pytest.approx(0.03)
 
 
-def test_parts_of_the_variance_add_up_and_the_largest_comes_first(result):
+def test_parts_of_the_variance_add_up_and_words_name_their_remedy(result):
     done = run("explain", result, "--json")
     (plane,) = json.loads(done.stdout)["planes"]
     record = json.loads((result / "result.json").read_text())["planes"]["G1"][plane["number"]]
@@ -84,9 +75,6 @@ def test_parts_of_the_variance_add_up_and_the_largest_comes_first(result):
     without = record["uncertainty"] ** 2 - first["uncertainty_then"] ** 2
     removed = 0.75 if first["term"] == "noise" else 1.0  # four times the light halves the noise
     assert without == pytest.approx(removed * record["budget"][first["term"]] ** 2)
-
-
-def test_words_name_cause_number_and_remedy(result):
     text = run("explain", result / "result.json").stdout
     assert text.startswith("G1: pass")
     assert "MTF50" in text
@@ -169,18 +157,12 @@ def test_twins_of_walls_edges_and_sensors_gain_by_light(number):
     assert (light.after**2 - 0.04**2) ** 0.5 == pytest.approx(0.015, rel=0.3)
 
 
-def test_a_change_is_not_predicted_where_the_photographs_of_the_twin_are_refused():
+def test_subjects_without_a_twin_are_named_and_refused_ones_not_predicted():
     noisy = SUBJECTS["mtf50_horizontal"] | {"s": 4, "noise": 0.05}
     effects = digital_twin.predictions(noisy, "mtf50_horizontal", {"noise": 0.03})
     assert [effect.after for effect in effects] == [None] * 3
-
-
-def test_subjects_without_a_twin_are_named():
     with pytest.raises(BadInput, match="no digital twin photographs this subject"):
         digital_twin.predictions({"tilt_corner": {}}, "tilt_corner", {"noise": 0.3})
-
-
-def test_a_restoration_has_the_budget_of_its_picture():
     details = {"budgets": {"picture_std": {"noise": 0.03, "detail": 0.04}}, "with_four_times_the_light": 0.04}
     plane = PlaneResult("result", Verdict.PASS, values={"picture_std": 0.05}, details=details)
     (one,) = explain_result(Measurement("station/restore/1", RecordHead("restoration"), (plane,)))

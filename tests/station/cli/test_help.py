@@ -132,13 +132,10 @@ def test_commands_with_verdicts_take_strict(command):
     assert "--strict" in answer.output
 
 
-def test_strict_counts_all_but_a_pass_as_failed():
+def test_strict_counts_all_but_a_pass_and_items_are_awaited_in_order():
     check_strict(["pass", "doubtful"], strict=False)
     check_strict(["pass", "pass"], strict=True)
     with pytest.raises(click.exceptions.Exit) as ended:
         check_strict(["pass", "doubtful"], strict=True)
     assert ended.value.exit_code == 1
-
-
-def test_items_are_awaited_in_order():
     assert list(awaited("working", iter([1, 2, 3]))) == [1, 2, 3]

@@ -83,12 +83,9 @@ def test_a_command_takes_an_option_before_it_or_refuses_it(called, tmp_path, wor
         assert "leave " in done.stderr or "write " in done.stderr
 
 
-def test_every_command_that_opens_a_bench_takes_the_options_of_benches():
+def test_every_command_that_opens_a_bench_inherits_the_options_of_benches():
     assert list(taken_by("--simulate")) == OPEN_A_BENCH
     assert set(taken_by("--config")) >= set(OPEN_A_BENCH)
-
-
-def test_an_option_of_the_same_name_is_inherited_or_means_something_else():
     taken = {flag: taken_by(flag) for flag in OPTIONS}
     other = [
         f"{words} {flag}"

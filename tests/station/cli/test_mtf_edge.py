@@ -47,14 +47,6 @@ def test_region_gives_record_table_and_picture(picture, tmp_path):
     assert (tmp_path / "out" / "edge_Y.png").read_bytes()[:4] == b"\x89PNG"
 
 
-@pytest.mark.slow
-def test_edges_are_found_where_no_region_is_given(picture, tmp_path):
-    run("mtf", "edge", picture, "--out", tmp_path / "out")
-    plane = json.loads((tmp_path / "out" / "result.json").read_text())["planes"]["Y"]
-    assert len(plane["edges"]) == 1
-    assert plane["mtf50"]["value"] == pytest.approx(0.25, rel=0.005)
-
-
 @pytest.mark.parametrize(("roi", "code"), [("0,0,99,20", 2), ("0,0,x,20", 2), ("1,2,3", 2), ("0,0,12,80", 5)])
 def test_regions_that_hold_no_edge_are_refused(picture, tmp_path, roi, code):
     run("mtf", "edge", picture, "--roi", roi, "--out", tmp_path / "out", code=code)

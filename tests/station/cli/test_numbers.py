@@ -28,7 +28,7 @@ FLOATS = [
 ]
 
 
-def test_every_option_that_takes_a_real_number_is_looked_at():
+def test_options_of_real_numbers_are_looked_at_and_shown_without_bounds_they_have_not():
     assert isinstance(main, LazyGroup)
     assert {words[0] for words, _ in ALL if words} == set(COMMANDS)
     assert {option for _, option in FLOATS} >= {"--f-number", "--ratio", "--for-s", "--kappa", "--width-mm"}
@@ -36,9 +36,6 @@ def test_every_option_that_takes_a_real_number_is_looked_at():
         for option in command.params:
             assert option.type is not click.FLOAT, (words, option.name)
             assert not isinstance(option.type, click.FloatRange) or isinstance(option.type, FiniteNumber)
-
-
-def test_help_shows_no_bounds_where_there_are_none():
     option = click.Option(["--ratio"], type=FiniteNumber(), help="A number.")
     assert option.get_help_record(click.Context(click.Command("any"))) == ("--ratio NUMBER", "A number.")
 

@@ -82,9 +82,6 @@ def test_a_missing_chart_and_wrong_cells_are_exit_5(shared_data, tmp_path, photo
     assert {path.name for path in tmp_path.iterdir()} == {"result.json"}
 
 
-def test_a_shaker_without_a_simulated_bench_is_usage():
+def test_unknown_commands_and_a_shaker_without_a_bench_are_usage_errors():
     run("--shaker", "--plain", code=2, says="--shaker is for the simulated bench: give --simulate")
-
-
-def test_unknown_command_is_usage():
     assert station("conjure").returncode == 2

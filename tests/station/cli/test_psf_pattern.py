@@ -34,21 +34,6 @@ def files_of(*planes):
     return sorted([*of_planes, "budget.csv", "numbers.csv", "result.json"])
 
 
-def test_files_of_the_contract_are_written(estimator, photograph, bits, tmp_path):
-    out = tmp_path / "new" / "folder"
-    run("psf", "pattern", photograph, "--bits", bits, "--out", out)
-    assert names_in(out) == files_of("Y")
-    h = np.load(out / "psf_Y.npy", allow_pickle=False)
-    assert (h.dtype, h.shape) == (np.float64, (17, 17))
-    assert np.load(out / "covariance_Y.npy", allow_pickle=False).shape == (289, 289)
-    header, *rows = (out / "mtf_Y.csv").read_text().splitlines()
-    assert header.startswith(
-        "frequency [cycles/pixel],horizontal,horizontal_uncertainty,vertical,vertical_uncertainty,radial,"
-    )
-    assert rows[0].split(",")[:2] == ["0", "1"]
-    assert float(rows[-1].split(",")[0]) == 2  # s/2 cycles/pixel
-
-
 def test_record_follows_the_schema(estimator, photograph, bits, tmp_path):
     run("psf", "pattern", photograph, "--bits", bits, "--solver", "nnls", "--out", tmp_path)
     record = json.loads((tmp_path / "result.json").read_text())

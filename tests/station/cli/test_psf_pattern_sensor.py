@@ -58,14 +58,6 @@ def test_information_stands_beside_the_psf(estimator, photograph, sensor, tmp_pa
     assert float(at["neq"]) == pytest.approx(6000 * np.exp(-4 * np.pi**2 * sigma**2 / 16), rel=0.02)
 
 
-def test_nothing_is_known_without_it(estimator, photograph, tmp_path):
-    run("psf", "pattern", photograph, "--out", tmp_path / "out")
-    assert estimator.sensors == [None]
-    record = json.loads((tmp_path / "out" / "result.json").read_text())
-    assert "sensor" not in record["parameters"]
-    assert "information" not in record["planes"]["Y"]
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [

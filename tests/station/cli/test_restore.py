@@ -38,22 +38,16 @@ def done(photographs, tmp_path_factory):
     return result, out
 
 
-def test_it_writes_the_documented_files(done):
+def test_files_picture_and_depth_are_those_of_the_photographs(done, photographs):
     _, out = done
     assert {"sharp.tiff", "sharp.png", "w.npy", "depth.png", "result.json"} <= {f.name for f in out.iterdir()}
     assert not [f for f in out.iterdir() if f.name.startswith(".")]
-
-
-def test_the_picture_has_the_inputs_scale(done, photographs):
     sharp = cv2.imread(str(done[1] / "sharp.tiff"), cv2.IMREAD_UNCHANGED)
     before = cv2.imread(photographs[0][0], cv2.IMREAD_UNCHANGED) / 65535
     assert sharp.dtype == np.float32
     assert sharp.shape == before.shape
     # blur and its inverse preserve the mean except for light that crosses the frame
     assert sharp.mean() == pytest.approx(before.mean(), rel=0.02)
-
-
-def test_depth_is_near_the_truth(done, photographs):
     w = np.load(done[1] / "w.npy")
     assert w.dtype == np.float32
     assert np.median(np.abs(w - photographs[2])) < 0.1

@@ -65,14 +65,11 @@ def error(picture, reference, rim=10):
     )
 
 
-def test_a_rotating_rig_is_restored_from_its_records(by_imu, shaken):
+def test_a_rotating_rig_is_restored_with_depth_in_inverse_metres(by_imu, shaken):
     folder, reference, _ = shaken
     sharp = cv2.imread(str(by_imu / "sharp.tiff"), cv2.IMREAD_UNCHANGED)
     blurred = read_frame(folder / "1.dng", ["G1"]).planes["G1"].samples
     assert error(sharp, reference) < 0.4 * error(blurred, reference)
-
-
-def test_the_record_has_depth_in_inverse_metres(by_imu):
     record = json.loads((by_imu / "result.json").read_text())
     assert record["w"]["unit"] == "1/m"
     w = np.load(by_imu / "w.npy")

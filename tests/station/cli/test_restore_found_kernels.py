@@ -61,13 +61,10 @@ def test_as_input_they_reproduce_the_picture(photographs, result, tmp_path):
     assert (tmp_path / "o" / "sharp.tiff").read_bytes() == (result[1] / "sharp.tiff").read_bytes()
 
 
-def test_the_picture_has_an_uncertainty_at_every_pixel(result):
+def test_found_kernels_have_an_uncertain_picture_and_serve_as_shapes(result):
     std = cv2.imread(str(result[1] / "sharp_std.tiff"), cv2.IMREAD_UNCHANGED)
     assert std.shape == (SIZE, SIZE)
     assert 0 < std.max() < 0.2
-
-
-def test_as_shapes_of_a_scene_in_depth_they_are_the_same_kernels(result):
     shape = read_blur_shape(str(result[1] / "kernel_2.npy"), "G1", (SIZE, SIZE))
     np.testing.assert_allclose(shape, KERNELS[1], atol=1e-12)
 

@@ -10,8 +10,6 @@ from scipy.signal import fftconvolve
 
 from tests.program import run
 
-pytestmark = pytest.mark.slow
-
 SIZE, RIM, SHIFT = 96, 8, 2
 
 
@@ -26,10 +24,12 @@ def walk(size, seed):
     return kernel / kernel.sum()
 
 
-@pytest.fixture(scope="module")
-def shaken(tmp_path_factory):
-    """The command's result, its folder, the truth, and the photographs: 8 bits, the second one shifted."""
-    folder = tmp_path_factory.mktemp("shaken")
+def error(u, truth):
+    return float(np.sqrt(np.mean((u - truth)[RIM:-RIM, RIM:-RIM] ** 2)))
+
+
+@pytest.mark.slow
+def test_two_photographs_shifted_against_each_other_are_restored_by_their_kernels(tmp_path):
     rng = np.random.default_rng(11)
     n = SIZE + 40
     truth = 0.5 + 0.2 * np.sign(gaussian_filter(rng.standard_normal((n, n)), 3)) + 0.04 * rng.standard_normal((n, n))
@@ -38,52 +38,24 @@ def shaken(tmp_path_factory):
         kernel = walk(size, k)
         clean = fftconvolve(truth, kernel, mode="same")[20:-20, 20 - SHIFT * k : n - 20 - SHIFT * k]
         z.append(np.clip(clean + 0.004 * rng.standard_normal(clean.shape), 0, 1))
-        np.savetxt(folder / f"kernel{k}.txt", kernel)
-        cv2.imwrite(str(folder / f"{k}.png"), np.rint(255 * z[k]).astype(np.uint8))
-    files = [str(folder / name) for name in ("0.png", "1.png", "kernel0.txt", "kernel1.txt")]
-    options = ["--blur", "motion", "--shape", *files[2:], "--scheme", "2x(6+8)+1x15", "--out", str(folder / "out")]
-    result = run("restore", *files[:2], *options)
-    return result, folder / "out", truth[20:-20, 20:-20], z
-
-
-def error(u, truth):
-    return float(np.sqrt(np.mean((u - truth)[RIM:-RIM, RIM:-RIM] ** 2)))
-
-
-def test_range_and_ratio_have_defaults(shaken):
-    _, out, _, _ = shaken
-    record = json.loads((out / "result.json").read_text())
+        np.savetxt(tmp_path / f"kernel{k}.txt", kernel)
+        cv2.imwrite(str(tmp_path / f"{k}.png"), np.rint(255 * z[k]).astype(np.uint8))
+    files = [tmp_path / name for name in ("0.png", "1.png", "kernel0.txt", "kernel1.txt")]
+    words = ["restore", *files[:2], "--blur", "motion", "--shape", *files[2:]]
+    run(*words, "--scheme", "2x(6+8)+1x15", "--out", tmp_path / "out")
+    record = json.loads((tmp_path / "out" / "result.json").read_text())
     assert record["verdict"] == "pass", record["reason"]
     assert record["parameters"]["ratio"] == [pytest.approx(10 / 8)]
     assert record["parameters"]["max_w"] == 8
-
-
-def test_the_picture_gains_3_db_on_the_better_photograph(shaken):
-    _, out, truth, z = shaken
-    sharp = cv2.imread(str(out / "sharp.tiff"), cv2.IMREAD_UNCHANGED)
-    aligned = [z[0], np.roll(z[1], -SHIFT, axis=1)]
+    sharp = cv2.imread(str(tmp_path / "out" / "sharp.tiff"), cv2.IMREAD_UNCHANGED)
+    truth, aligned = truth[20:-20, 20:-20], [z[0], np.roll(z[1], -SHIFT, axis=1)]
     assert error(sharp, truth) < min(error(one, truth) for one in aligned) / 10 ** (3 / 20)
-
-
-def test_depth_is_flat_and_that_of_the_kernels(shaken):
-    w = np.load(shaken[1] / "w.npy")[RIM:-RIM, RIM:-RIM]
-    assert np.median(w) == pytest.approx(4.0, abs=0.1)
+    w = np.load(tmp_path / "out" / "w.npy")[RIM:-RIM, RIM:-RIM]
+    assert np.median(w) == pytest.approx(4.0, abs=0.1)  # that of the kernels
     assert w.std() < 0.2
-
-
-def test_the_shift_is_recorded(shaken):
-    record = json.loads((shaken[1] / "result.json").read_text())
     assert record["shift"]["unit"] == "pixel"
     assert record["shift"]["x_y"][1] == pytest.approx((SHIFT, 0), abs=0.1)
-    page = (shaken[1] / "report.html").read_text(encoding="utf-8")
-    assert "shift of photograph 2 beyond its blur" in page
-
-
-def test_kernels_larger_than_the_range_are_doubtful_with_a_remedy(shaken, tmp_path):
-    folder = shaken[1].parent
-    files = [str(folder / name) for name in ("0.png", "1.png", "kernel0.txt", "kernel1.txt")]
-    options = [
-        "--blur", "motion", "--shape", *files[2:], "--ratio", "1.25", "--max-w", "2.5", "--scheme", "1x(2+2)+1x4",
-    ]  # fmt: skip
-    result = run("restore", *files[:2], *options, "--out", tmp_path / "out", says="warning: Y: doubtful; ")
+    assert "shift of photograph 2 beyond its blur" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    small = ["--ratio", "1.25", "--max-w", "2.5", "--scheme", "1x(2+2)+1x4"]  # less than the kernels
+    result = run(*words, *small, "--out", tmp_path / "small", says="warning: Y: doubtful; ")
     assert "what to do: " in result.stderr

@@ -53,25 +53,3 @@ def test_a_ground_truth_of_another_size_is_refused_before_any_work(photographs, 
     done = restore(photographs, tmp_path / "out", "--reference", tmp_path / "small.png", code=4)
     assert "120 x 100 pixels, it has Y of 50 x 40" in done.output
     assert "round 0" not in done.output
-
-
-@pytest.mark.nightly
-def test_a_batch_uses_the_ground_truth_next_to_each_first_photograph(photographs, tmp_path):
-    work = tmp_path / "work"
-    shutil.copytree(photographs, work)
-    (work / "truth.png").rename(work / "item_1_sharp.tmp")
-    folder = work / "items"
-    folder.mkdir()
-    for n in (1, 2):
-        (work / f"item_{n}.pgm").rename(folder / f"item_{n}.pgm")
-    (work / "item_1_sharp.tmp").rename(folder / "item_1_truth.png")
-    procedure = work / "restore.toml"
-    procedure.write_text(
-        'procedure = "restore"\npairs = { first = "_1", second = "_2" }\n[parameters]\nblur = "motion"\n'
-        'shape = ["vibration_shape1.txt", "vibration_shape2.txt"]\nmax_w = 5.2\nscheme = "4x(6+6)+1x8"\n'
-        'reference = "{name}_truth.png"\n'
-    )
-    run("batch", folder, "--procedure", procedure, "--out", tmp_path / "b")
-    records = [json.loads(path.read_text()) for path in (tmp_path / "b" / "results").glob("*/result.json")]
-    assert len((tmp_path / "b" / "results.jsonl").read_text().splitlines()) == 1
-    assert records[0]["ground_truth"]["psnr_db"] > 25

@@ -44,11 +44,8 @@ def test_interruption_is_130(error):
     assert failing(error).exit_code == 130
 
 
-def test_usage_errors_stay_clicks_own():
+def test_usage_errors_stay_clicks_own_and_others_are_objects_where_logs_are_json():
     assert failing(click.UsageError("no such thing")).exit_code == 2
-
-
-def test_error_is_an_object_where_logs_are_json():
     entry = json.loads(failing(BadInput("it is empty", "copy it again"), "--log-json").stderr)
     reported = {
         "level": "error",
@@ -59,8 +56,6 @@ def test_error_is_an_object_where_logs_are_json():
     }
     assert entry.items() >= reported.items()
 
-
-def test_facts_that_are_not_finite_are_null():
     @click.command()
     @log_json_option
     def command():

@@ -28,17 +28,11 @@ def test_no_text_leaves_its_quotes(text):
     assert tomllib.loads(toml_text({"camera": text, text: {"x": [text]}})) == {"camera": text, text: {"x": [text]}}
 
 
-def test_bytes_of_a_file_name_that_are_no_text_become_question_marks():
+def test_what_toml_has_no_form_for_is_named_or_written_otherwise():
     assert tomllib.loads(toml_text({"name": "a\udcff"})) == {"name": "a?"}
-
-
-def test_numbers_that_are_not_finite_dates_and_nothing():
     when = datetime(2026, 3, 14, 9, 26, 53, tzinfo=UTC)
     table = tomllib.loads(toml_text({"a": math.nan, "b": -math.inf, "when": when, "none": None}))
     assert math.isnan(table.pop("a"))
     assert table == {"b": -math.inf, "when": when}
-
-
-def test_what_toml_has_no_form_for_is_named():
     with pytest.raises(TypeError, match="no bytes"):
         toml_text({"a": b""})

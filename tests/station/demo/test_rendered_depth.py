@@ -22,7 +22,7 @@ def done(tmp_path_factory):
     return out, depth, json.loads(text), sentences
 
 
-def test_depth_is_found_from_the_light_of_a_scene(done):
+def test_depth_is_found_from_the_light_of_a_scene_and_kept(done):
     # true w spans 0.7 samples on a picture this small: half of all pixels are right to a quarter of that, where
     # a plane of any one depth would not follow it at all
     _, depth, _, _ = done
@@ -32,9 +32,6 @@ def test_depth_is_found_from_the_light_of_a_scene(done):
     assert np.corrcoef(depth.restoration.w[inside].ravel(), depth.w[inside].ravel())[0, 1] > 0.5
     levels = figures["rms_error_of_picture"]
     assert levels["restored"][0] < min(levels["photographs"])
-
-
-def test_the_record_and_the_page_hold_it(done):
     out, depth, record, sentences = done
     assert len(sentences) == steps(SMALL)
     assert record["restored"]["w_px"]["rms_error"] == pytest.approx(depth.figures["w_px"]["rms_error"])
@@ -52,7 +49,7 @@ def test_the_command_finds_the_same_from_the_files(done, tmp_path):
     np.testing.assert_array_equal(np.load(tmp_path / "restored" / "w.npy"), np.load(out / f"{NAME}-w.npy"))
 
 
-def test_true_blur_grows_towards_that_of_infinity(done):
+def test_true_blur_grows_towards_that_of_infinity_at_one_mean(done):
     plan, w = done[1].plan, done[1].w
     assert w.shape == (plan.rows // 2, plan.columns // 2)
     assert 0 < w.min() < w.max() < plan.max_w
@@ -60,9 +57,6 @@ def test_true_blur_grows_towards_that_of_infinity(done):
     distance = 1000 / (1 - w / plan.max_w)
     assert 1290 < distance.min() < 1360
     assert distance.max() < 2401
-
-
-def test_apertures_that_differ_give_photographs_of_one_mean(done):
     _, depth, _, _ = done
     first, second = depth.photographs
     assert first.mean() == pytest.approx(second.mean(), rel=0.02)

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 
 from procedures.plan import Advice, Ask, CameraFacts, Look, Plan, Reading, Shoot, Step, derived_from
-from station.guide.contradictions import CORRECT, INSIST, LookProgress
 from station.guide.frontend import ProblemEvent
+from station.guide.photographing import CORRECT, INSIST, LookProgress
 from station.guide.run import Run
 from station.guide.scripted import ScriptedOperator
 from station.sessions.reader import read_session

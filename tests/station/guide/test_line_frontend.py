@@ -82,7 +82,7 @@ def test_the_end_of_input_and_the_letter_s_stop(typed):
         output_of(typed=typed, asks=[WIDTH])
 
 
-def test_a_reading_outside_its_tolerance_is_shown_with_it():
+def test_readings_are_shown_with_their_tolerance_and_advice_once():
     readings = (
         Reading("white", 31.4, "%", 55, 90),
         Reading("s/t", 1.1, "", 1.0, 1.3),
@@ -90,9 +90,6 @@ def test_a_reading_outside_its_tolerance_is_shown_with_it():
     )
     text, _ = output_of(FrameEvent(PLANE, Advice(False, "Open up.", readings)))
     assert text.splitlines() == ["   white 31 % (55 to 90 %); s/t 1.10; yaw 2.6° (-1.5 to 1.5°)", "   -> Open up."]
-
-
-def test_an_advice_is_not_repeated_in_the_question():
     text, _ = output_of(
         FrameEvent(PLANE, Advice(False, "Open up.")), typed="\n", asks=[Ask("by_hand", "Open up. (the rail ends)")]
     )

@@ -23,7 +23,7 @@ FACTS = {
 }  # fmt: skip
 
 
-def test_the_source_is_the_camera_where_its_metadata_agree_else_the_operator():
+def test_the_source_of_each_number_is_marked():
     # an f-number wrong by 20 % is consistent with the far tail within three standard deviations: it is not verified
     provenance = provenance_of(plan_named("pattern"), FACTS, [noted(focal_length_mm=24.0)])
     assert {key: str(one) for key, one in provenance.items()} == {
@@ -33,16 +33,10 @@ def test_the_source_is_the_camera_where_its_metadata_agree_else_the_operator():
         "ruler_mm": "99.5 mm, given by the operator; consistent with the laser and the other sizes",
         "typed_f_number": "6.4, given by the operator; the far tail of the PSF gives 8.1 ± 0.8",
     }
-
-
-def test_a_confirmed_or_unverified_number_is_marked():
     facts = {"focal_length_mm": 30.0, INSISTED + "focal_length_mm": True, "typed_f_number": 8.0}
     provenance = provenance_of(plan_named("field"), facts, [noted(focal_length_mm=24.0)])
     assert provenance["focal_length_mm"].evidence == "confirmed by the operator despite a contradiction"
     assert str(provenance["typed_f_number"]) == "8, given by the operator; not verified"
-
-
-def test_each_of_three_f_numbers_is_compared_with_its_own_photograph():
     facts = {"first_f_number": 8.0, "second_f_number": 4.0, "third_f_number": 2.8}
     frames = [noted(f_number=8.0), noted(f_number=5.6), noted(f_number=2.8)]
     provenance = provenance_of(plan_named("restoration"), facts, frames)

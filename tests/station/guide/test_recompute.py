@@ -103,18 +103,12 @@ def test_photographs_are_read_on_access_and_cached_within_the_limit(folder, monk
     assert [one.sha256 for one in frames[1:]] == [shot.sha256 for shot in shots[1:]]
 
 
-def test_photograph_replaced_after_its_check_is_refused(folder):
+def test_photographs_and_results_that_changed_are_refused(folder):
     first, second, *_ = read_session(folder).state.shots
     with pytest.raises(Damaged, match="has changed since it was taken"):
         list(Frames(folder, [replace(first, sha256=second.sha256)]))
-
-
-def test_missing_result_is_named(folder):
     with pytest.raises(BadParameter, match="got number 3"):
         list(recompute(folder, (3,)))
-
-
-def test_file_that_was_altered_is_named(folder):
     path = folder / "derived/2/result.json"
     whole = path.read_bytes()
     path.write_bytes(whole.replace(b'"mean": 0.5', b'"mean": 0.6'))
@@ -145,7 +139,7 @@ def test_a_changed_number_is_reported_in_units_of_its_uncertainty(folder):
     assert "computed by version" in done.stderr or "computed by a version that was not installed" in done.stderr
 
 
-def test_photograph_that_was_altered_is_found_before_anything_is_computed(folder):
+def test_altered_photographs_are_found_first_and_the_report_is_complete(folder):
     path = next((folder / "originals").iterdir())
     whole = path.read_bytes()
     path.chmod(0o644)
@@ -153,18 +147,12 @@ def test_photograph_that_was_altered_is_found_before_anything_is_computed(folder
     with pytest.raises(Damaged, match="missing or changed"):
         list(recompute(folder))
     path.write_bytes(whole)
-
-
-def test_report_is_complete_and_escapes_html(folder):
     run("session", "report", folder)
     page = (folder / "report.html").read_text()
     assert "&lt;script&gt;alert(1)&lt;/script&gt;{{ 7 * 7 }}" in page
     assert "&lt;b&gt;a trial&lt;/b&gt;" in page
     for markup in ("<script>alert", "<img", "<b>a", ", </title>", "<i>room"):
         assert markup not in page
-
-
-def test_the_rooms_temperature_is_in_record_page_and_certificate(folder):
     record = json.loads((folder / "derived/1/result.json").read_text())
     assert record["environment"]["<i>room</i>"]["temperature"] == {**READING, "min": 21.34, "max": 21.34, "n": 2}
     assert read_result(folder / "derived/1").head.environment == record["environment"]

@@ -45,13 +45,11 @@ def test_an_answer_that_is_no_series_of_apertures_is_refused(answer):
         ask.check(answer, {})
 
 
-def test_the_ring_is_turned_step_by_step_from_its_last_place():
+def test_the_ring_is_turned_step_by_step_to_the_sharpest():
     first, second, *_ = stops(series.focus_plan(), {})
     assert dict(first.go.by_hand({})) == {"focus_steps": -3.0}
     assert second.go.say({series.NOW: -3.0}) == "Turn the focus ring one small step towards infinity."
 
-
-def test_the_sharpest_step_is_that_of_a_parabola_through_the_widths():
     def row(step):
         number = {"value": 1 / (1.6 + 0.2 * (step - 0.4) ** 2), "uncertainty": 0.004, "unit": "cycles/pixel"}
         numbers = {"mtf50_horizontal": number, "mtf50_vertical": number}

@@ -21,10 +21,8 @@ from station.__main__ import main
 from station.bench.device_models import BUILTIN, options_of
 from station.common.models import fields_of
 from station.manual.browser_pages import html_of, section_name, write_manual
-from station.manual.command_reference import SHOWN, commands_text
-from station.manual.field_reference import attributes
-from station.manual.formulas import FORMULA, plain_formulas
-from station.manual.pages import PICTURE, Page, find_page, for_terminal, read_pages, search
+from station.manual.command_reference import SHOWN, attributes, commands_text
+from station.manual.pages import FORMULA, PICTURE, Page, find_page, for_terminal, plain_formulas, read_pages, search
 from tests.printed import print_faults, screen_faults
 from tests.program import run
 
@@ -63,12 +61,9 @@ def test_every_link_leads_to_a_page_and_a_section(page):
             assert section in map(section_name, headings), link
 
 
-def test_an_unknown_topic_names_the_nearest():
+def test_unknown_topics_name_the_nearest_and_links_their_command():
     with pytest.raises(BadParameter, match=r"no page 'senors'.*sensor"):
         find_page(PAGES, "senors")
-
-
-def test_a_link_in_the_terminal_is_the_command_that_follows_it():
     assert for_terminal("See [Numbers](../reference/numbers.md#of-a-psf).") == "See Numbers (`station manual numbers`)."
 
 
@@ -83,7 +78,7 @@ def commands(command, path=("station",)):
         yield " ".join(path), command
 
 
-def test_reference_has_every_command_with_every_option():
+def test_every_command_number_and_diagnostic_is_described():
     text = text_of("commands")
     for path, command in commands(main):
         section = text.partition(f"## {path}\n")[2].partition("\n## ")[0]
@@ -91,19 +86,10 @@ def test_reference_has_every_command_with_every_option():
         for param in command.params:
             if isinstance(param, click.Option) and not param.hidden:
                 assert max(param.opts, key=len) in section, (path, param.name)
-
-
-def test_what_a_command_says_of_itself_is_prose():
     # a paragraph that is indented would be a block of code
     assert not re.search(r"^    \S", text_of("commands"), re.MULTILINE)
-
-
-def test_every_number_and_every_diagnostic_of_a_restoration_is_defined():
     defined = set(re.findall(r"`(\w+)`", text_of("numbers")))
     assert {*NUMBERS, *(one.name for one in fields(OfRestoration))} <= defined
-
-
-def test_docstrings_define_every_diagnostic():
     assert {name for names, _ in attributes(Diagnostics) for name in names} == {f.name for f in fields(Diagnostics)}
     assert all(stated for _, stated in attributes(Diagnostics))
 
@@ -121,18 +107,12 @@ def test_station_toml_has_every_driver_with_its_options(driver):
 # --- terminal and browser ------------------------------------------------------------------------------------------
 
 
-def test_command_shows_the_list_and_a_page():
+def test_the_command_lists_shows_and_searches_pages():
     run("manual", says="station manual numbers")
     page = run("manual", "exit-codes")
     assert "75" in page.output
     assert "\x1b" not in page.output  # plain where it is no terminal
-
-
-def test_command_says_which_topics_there_are():
     run("manual", "numbrs", code=2, says="numbers")
-
-
-def test_search_finds_the_sections_with_all_words_those_with_a_heading_first():
     hits = search(PAGES, ["MTF50", "edge"])
     texts = [f"{one.page.title} {one.heading} {one.text}".lower() for one, _ in hits]
     assert texts
@@ -141,9 +121,6 @@ def test_search_finds_the_sections_with_all_words_those_with_a_heading_first():
     shown = run("manual", "search", "coverage")
     assert "station manual" in shown.output
     run("manual", "search", "zygote", code=2, says="no section of the manual")
-
-
-def test_a_terminal_shows_no_pictures():
     assert "picture:" in text_of("psf")
     assert "picture:" not in for_terminal(text_of("psf"))
 
@@ -160,13 +137,10 @@ def test_a_formula_is_plain_in_a_terminal_and_mathml_in_a_browser(formula):
     assert "\\" not in "".join(math.itertext())
 
 
-def test_dollars_in_code_are_no_formulas():
+def test_dollars_in_code_are_no_formulas_and_pictures_lead_to_commands():
     text = "`$110=500 $22=25` and $\\frac{1}{2} \\sigma^2$"
     assert plain_formulas(text) == "`$110=500 $22=25` and 1/2 σ²"
     assert "<math" not in html_of("# T\n\n`$110=500 $22=25`\n")
-
-
-def test_every_picture_of_the_gallery_leads_to_its_command():
     shown = SHOWN.findall(GALLERY)
     assert len(shown) == len(PICTURE.findall(GALLERY)) >= 30
     paths = {path for path, _ in commands(main)}

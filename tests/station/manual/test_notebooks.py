@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 import procedures
-from station.manual.browser_pages import write_manual
-from station.manual.notebooks import cells_of, notebook_of
+from station.manual.browser_pages import cells_of, notebook_of, write_manual
 from station.manual.pages import Page, read_pages
 from tests.golden.cases import chart_photograph, save
 from tests.procedures.correction.small_lens import scene

@@ -8,7 +8,7 @@ import pytest
 
 from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
 from station.procedure import PhotographProcedure, PlaneSettings
-from station.procedure.base import beside, chart_source, plane_result
+from station.procedure.base import PictureSettings, beside, chart_source, plane_result
 from station.results.result_files import plain
 from station.results.units import Unit
 
@@ -82,3 +82,10 @@ def test_a_path_lies_beside_the_file_that_names_it_unless_it_is_there(tmp_path, 
     assert beside(tmp_path / "away.png", folder) == tmp_path / "away.png"
     for name, expected in (("here.png", "here.png"), ("there.png", str(folder / "there.png"))):
         assert str(beside(type(tmp_path)(name), folder)) == expected
+
+
+def test_a_pgm_is_linear_also_where_that_is_stated(tmp_path):
+    (path := tmp_path / "a.pgm").write_bytes(b"P5 3 2 200\n" + bytes([100] * 6))
+    assert (PictureSettings(encoding="linear").read(path).planes["Y"].samples == 0.5).all()
+    with pytest.raises(BadParameter, match="a PGM are taken as linear; srgb is stated"):
+        PictureSettings(encoding="srgb").read(path)

@@ -69,12 +69,9 @@ def test_what_cannot_be_is_named_with_the_key_and_what_it_must_be(given, words):
         read_model(Model, given, TableSource(places={name: ("settings", name) for name in given}))
 
 
-def test_what_is_required_is_asked_for_with_its_description():
+def test_settings_have_descriptions_for_options_and_records():
     with pytest.raises(BadParameter, match="radius_mm is missing; give it: Radius of the screws' circle"):
         read_model(Required, {}, TableSource())
-
-
-def test_fields_carry_all_that_an_option_needs():
     by_name = {one.name: one for one in fields_of(Model)}
     assert (by_name["width_mm"].kind, by_name["width_mm"].least, by_name["width_mm"].default) == (float, 1, 300.0)
     assert by_name["positions"].choices == ("lens", "set")
@@ -84,9 +81,6 @@ def test_fields_carry_all_that_an_option_needs():
     assert by_name["table"].kind is Path
     assert (by_name["side"].kind, by_name["side"].word, by_name["side"].choices) == (int, "auto", ())
     assert fields_of(Required)[0].required
-
-
-def test_a_record_holds_what_was_set():
     assert to_record(Model(table=Path("a/b.csv"))) == {
         "width_mm": 300.0, "count": 3, "positions": "lens", "distances_mm": (), "table": "a/b.csv", "insist": False,
         "side": "auto",

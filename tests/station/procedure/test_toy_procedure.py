@@ -47,15 +47,12 @@ def test_it_is_one_short_file():
     assert len((PACKAGE / "mean_level.py").read_text().splitlines()) <= 60
 
 
-def test_it_has_a_command_with_its_options(station):
+def test_a_command_has_options_record_page_limits_and_errors(station):
     assert "mean-level" in station("--help").stdout
     shown = station("mean-level", "--help").stdout
     assert "Measure the mean level of IMAGE" in shown
     assert "--border-px" in shown
     assert "0<=x<=100" in shown
-
-
-def test_record_page_and_certificate(station):
     done = station("mean-level", "shoot/bright.png", "--out", "one", "--certificate")
     assert done.returncode == 0, done.stderr
     assert "Y: trusted; Mean level 0.49999" in done.stderr
@@ -67,9 +64,6 @@ def test_record_page_and_certificate(station):
     assert "Mean level" in page
     assert "<svg" in page  # its curve
     assert "Mean level" in (station.folder / "one" / "certificate.html").read_text()
-
-
-def test_limits_decide_and_what_is_doubtful_says_why(station):
     missed = station("mean-level", "shoot/bright.png", "--out", "two", "--specification", "limits.toml")
     assert missed.returncode == 1
     assert "Mean level ≥ 0.6 is missed" in missed.stderr
@@ -77,15 +71,12 @@ def test_limits_decide_and_what_is_doubtful_says_why(station):
     assert doubtful.returncode == 0
     assert "the mean level is 0.02" in doubtful.stderr
     assert "expose longer" in doubtful.stderr
-
-
-def test_a_wrong_setting_is_a_usage_error(station):
     done = station("mean-level", "shoot/dark.png", "--out", "four", "--border-px", "200")
     assert done.returncode == 2
     assert "--border-px" in done.stderr
 
 
-def test_batch_runs_it_with_limits_and_settings(station):
+def test_a_batch_runs_it_and_its_records_follow_the_schema(station):
     done = station("batch", "shoot", "--procedure", "batch.toml", "--out", "all", "--jobs", 1)
     assert done.returncode == 1, done.stderr  # the dark one misses its limit
     rows = [json.loads(line) for line in (station.folder / "all" / "results.jsonl").read_text().splitlines()]
@@ -95,13 +86,8 @@ def test_batch_runs_it_with_limits_and_settings(station):
     record = json.loads((station.folder / "all" / rows[0]["folder"] / "result.json").read_text())
     assert record["parameters"]["border_px"] == 2
     assert "mean_level" in (station.folder / "all" / "summary.csv").read_text()
-
-
-def test_its_records_follow_the_schema_that_is_generated(station):
-    station("mean-level", "shoot/bright.png", "--out", "five")
     assert station("manual", "--schemas", "schemas").returncode == 0
     schema = json.loads((station.folder / "schemas" / "mean-level.schema.json").read_text())
-    record = json.loads((station.folder / "five" / "result.json").read_text())
     jsonschema.validate(record, schema, jsonschema.Draft202012Validator)
     record["planes"]["Y"]["verdict"] = "good"
     with pytest.raises(jsonschema.ValidationError):
@@ -117,7 +103,7 @@ def guided(station):
     return session, done
 
 
-def test_a_guided_run_needs_only_enter(guided):
+def test_a_guided_run_needs_only_enter_and_leaves_a_whole_session(guided, station):
     session, done = guided
     assert done.returncode == 1, done.stderr  # the chart is darker than the limit
     assert ">> Border px: Pixels of the rim that are excluded. [4]" in done.stdout
@@ -129,9 +115,6 @@ def test_a_guided_run_needs_only_enter(guided):
     (photograph,) = (one["path"] for one in record["input"])
     plane = read_frame(session / photograph, ["G1"]).planes["G1"].samples
     assert level["value"] == pytest.approx(float(plane[4:-4, 4:-4].mean()), rel=1e-6)  # both in float32
-
-
-def test_a_guided_session_has_page_certificate_and_recomputed_result(station, guided):
     session, _ = guided
     assert "Mean level" in (session / "derived" / "1" / "report.html").read_text()
     assert "Mean level" in (session / "certificate.html").read_text()

@@ -40,7 +40,7 @@ def text_of(page):
     return " ".join(" ".join(tree.itertext()).split())
 
 
-def test_certificate_tells_both_verdicts_and_expanded_uncertainties():
+def test_the_certificate_has_both_verdicts_and_outside_text_only_as_text():
     report = report_of("G1")
     number = report.planes[0].numbers["mtf50_horizontal"]
     text = text_of(certificate_page(report))
@@ -51,9 +51,6 @@ def test_certificate_tells_both_verdicts_and_expanded_uncertainties():
     assert "coverage factor 2" in text
     assert "MTF at 0.25 cycles/pixel along rows" in text
     assert "0" * 64 in text
-
-
-def test_what_came_from_outside_is_text_only():
     assert "<b>" not in certificate_page(report_of("G1"))
 
 

@@ -10,10 +10,9 @@ import pytest
 
 from procedures import Chart, Diffraction, PatternParameters, read_frame
 from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
-from procedures.reading.exposure import Exposure
 from station.calibration.planes import calibrate
 from station.reports.otf_figures import mtf_figure
-from station.reports.psf_page import budget_terms, psf_page
+from station.reports.psf_page import psf_page
 from station.reports.report import Report, ReportLine, ReportShot
 from station.reports.report_page import curves_over
 from station.results.limits import Limit, Specification
@@ -71,26 +70,6 @@ def test_page_shows_every_frequency_in_the_unit_that_was_asked_for(report):
     assert Frequency(31.25, Unit.LINE_PAIRS).per_pixel(pixels) == pytest.approx(0.25)
 
 
-def test_uncertainties_are_taken_apart_number_by_number(page, report):
-    tables = [table for table in strictly(page).iter("table") if table.get("class") == "budget"]
-    assert len(tables) == len(report.planes)
-    for table, plane in zip(tables, report.planes, strict=True):
-        headings = ["".join(cell.itertext()) for cell in table.find("thead").iter("th")]
-        assert headings[0] == "number"
-        assert headings[-1] == "together"
-        assert {"noise of the samples", "energy outside the support", "choice of s and k"} <= set(headings)
-        rows = list(table.find("tbody").iter("tr"))
-        assert len(rows) >= 8
-        assert len(headings) == 3 + len(budget_terms(plane.quality))
-        for row in rows:
-            cells = ["".join(cell.itertext()) for cell in row.findall("td")[1:]]
-            terms = [0.0 if cell == "–" else float(cell) for cell in cells]
-            # every term is rounded to the last digit of the two that the whole has: half of it each
-            digit = 10 ** -len(cells[-1].partition(".")[2])
-            assert abs(np.hypot.reduce(terms[:-1]) - terms[-1]) < 0.5 * digit * (len(terms) ** 0.5 + 1)
-    assert page.count("made of the columns of the budget: noise of the samples") == 1
-
-
 def test_transfer_function_is_drawn_with_phase_in_two_dimensions_and_with_its_limit(page, chart_photograph, tmp_path):
     labels = [svg.get("aria-label") for svg in strictly(page).iter(SVG)]
     assert sum("Phase of the OTF" in label for label in labels) == 2
@@ -132,15 +111,6 @@ def test_whatever_is_told_cannot_break_the_page(report):
     assert "{{ 7*7 }}" in text
 
 
-def test_what_exif_says_cannot_break_the_page(report, chart_photograph, tmp_path):
-    frame = read_frame(chart_photograph(tmp_path / "a.dng"), ["G1"])
-    frame = replace(frame, exposure=Exposure(camera=HOSTILE, lens=HOSTILE, captured_at=HOSTILE))
-    stated = report_of("pattern", frame, [], {})
-    tree = strictly(psf_page(stated))
-    assert not list(tree.iter("script"))
-    assert "\x1b" not in "".join(tree.itertext())
-
-
 def test_refused_plane_has_its_reason_and_remedy_and_no_pictures():
     record = PlaneResult("Y", Verdict.REFUSED, "no chart in the photograph", "show the whole chart")
     stated = Report("a.pgm", "pattern", [record], [], {})
@@ -150,22 +120,19 @@ def test_refused_plane_has_its_reason_and_remedy_and_no_pictures():
     assert not list(tree.iter(SVG))
 
 
-def test_session_shows_its_bench_and_its_shots(report):
+def test_the_bench_its_shots_and_undetermined_frequencies_are_marked(report):
     shots = (*report.shots, ReportShot("b.dng", "0" * 64, note="retaken: the rig moved"))
     stated = replace(report, shots=shots, devices=(ReportLine("stage", "GRBL 1.1h"),), made="2026-01-01 12:00")
     text = psf_page(stated)
     assert all(words in text for words in ("GRBL 1.1h", "retaken: the rig moved", "2026-01-01 12:00"))
-
-
-# --- in a browser ------------------------------------------------------------------------------------------------
-
-
-def test_frequencies_that_are_not_determined_are_marked(report):
     quality = report.planes[0].quality
     assert "not determined" not in str(mtf_figure(quality, None, "clear"))
     rising = np.linspace(0, 0.3, len(quality.frequencies))
     unclear = replace(quality, curve_budgets={**quality.curve_budgets, "horizontal": {"noise": rising}})
     assert "not determined" in str(mtf_figure(unclear, None, "unclear"))
+
+
+# --- in a browser ------------------------------------------------------------------------------------------------
 
 
 def test_edges_and_physics_stand_beside_the_numbers(report):
@@ -185,16 +152,13 @@ def test_edges_and_physics_stand_beside_the_numbers(report):
         assert words in text
 
 
-def test_figures_show_their_numbers_where_a_pointer_rests(page, report):
+def test_figures_show_numbers_under_a_pointer_and_other_results(page, report):
     titles = [one.text for one in strictly(page).iter(SVG.replace("svg}svg", "svg}title"))]
     assert len(titles) == 40 * len(report.planes)
     quality = report.planes[0].quality
     one = next(text for text in titles if text.startswith(f"{quality.frequencies[-1]:.3g} cycles/pixel: horizontal "))
     value, uncertainty = quality.mtf_horizontal[-1], quality.uncertainty("horizontal")[-1]
     assert f"horizontal {value:.3f} ± {uncertainty:.3f}" in one
-
-
-def test_other_results_are_drawn_over_and_named(report):
     record = report.planes[0]
     curves = {"frequency": record.curves["frequency"], "horizontal": record.curves["vertical"]}
     other = Overlay("<last year>", Unit.CYCLES, {record.name: curves})
@@ -204,8 +168,3 @@ def test_other_results_are_drawn_over_and_named(report):
     assert curves_over([other], report.planes[1]) == {}
     with pytest.raises(BadParameter, match="b gives its MTF in lp/mm"):
         curves_over([Overlay("b", Unit.LINE_PAIRS, {record.name: curves})], record)
-
-
-def test_the_files_beside_the_page_are_linked(report):
-    page = psf_page(replace(report, files=["result.json", "derived/1/psf_G2.fits"]))
-    assert [one.get("href") for one in strictly(page).iter("a")] == ["result.json", "derived/1/psf_G2.fits"]

@@ -1,21 +1,18 @@
 import numpy as np
 import pytest
 
-from station.reports.weighted_line import weighted_line
+from station.reports.trend import weighted_line
 
 X = np.array([0.0, 0.4, 1.1, 1.5, 3.0, 3.2])
 U = np.array([0.1, 0.2, 0.1, 0.3, 0.1, 0.2])
 
 
-def test_points_on_a_line_are_reproduced():
+def test_a_line_is_that_of_numpys_fit_with_the_scatter_it_states(rng):
     line = weighted_line(X, 2.0 - 0.5 * X, U)
     # rounding only
     assert line.slope == pytest.approx(-0.5, rel=1e-12)
     np.testing.assert_allclose(line.at(X)[0], 2.0 - 0.5 * X, rtol=1e-12)
     assert line.birge == pytest.approx(0.0, abs=1e-6)
-
-
-def test_agrees_with_numpy_s_fit_with_unscaled_covariance(rng):
     # scatter below the stated uncertainties, so that nothing is scaled
     y = 1.0 + 0.2 * X + 0.3 * U * rng.normal(size=6)
     line = weighted_line(X, y, U)
@@ -26,9 +23,6 @@ def test_agrees_with_numpy_s_fit_with_unscaled_covariance(rng):
     value, uncertainty = line.at(np.zeros(1))
     assert value[0] == pytest.approx(level, rel=1e-9)
     assert uncertainty[0] == pytest.approx(covariance[1, 1] ** 0.5, rel=1e-9)
-
-
-def test_slope_scatters_as_its_uncertainty_states(rng):
     lines = [weighted_line(X, 0.2 * X + U * rng.normal(size=6), U) for _ in range(2000)]
     expected = np.sum(U**-2.0 * (X - lines[0].centre) ** 2) ** -0.5
     # the deviation of 2000 draws is known to 1/sqrt(4000) = 1.6 %, four of them
@@ -44,13 +38,10 @@ def test_no_slope_is_significant_where_there_is_none(rng, factor):
     assert count < 100 + 4 * 10
 
 
-def test_scatter_beyond_the_uncertainties_widens_them(rng):
+def test_scatter_widens_uncertainties_and_two_points_have_none(rng):
     line = weighted_line(X, 10 * U * rng.normal(size=6), U)
     stated = weighted_line(X, 0 * X, U).slope_uncertainty
     assert line.slope_uncertainty == pytest.approx(line.birge * stated, rel=1e-12)
-
-
-def test_two_points_have_no_scatter():
     line = weighted_line(np.array([0.0, 2.0]), np.array([1.0, 2.0]), np.array([0.3, 0.4]))
     assert line.slope == pytest.approx(0.5)
     assert line.slope_uncertainty == pytest.approx(0.25)  # sqrt(0.3^2 + 0.4^2) / 2

@@ -37,11 +37,8 @@ def one(limit, plane=None, **more):
     return judged
 
 
-def test_every_number_of_an_estimate_can_have_a_limit():
-    assert set(record().numbers) <= set(limited_numbers())
-
-
 def test_numbers_of_every_procedure_can_have_a_limit():
+    assert set(record().numbers) <= set(limited_numbers())
     assert {"prnu", "fx", "tilt_corner", "corner_light", "baseline", "w_median", "mtf50_sagittal_median"} <= set(
         limited_numbers()
     )
@@ -67,12 +64,9 @@ def test_wider_guard_bands_never_make_a_verdict_of_doubt_sure(offset, coverage, 
     assert wide in (narrow, Compliance.UNDECIDED)
 
 
-def test_number_without_uncertainty_has_no_guard_band():
+def test_numbers_without_uncertainty_or_value_are_judged_or_undecided():
     assert [one(Limit("gamma", most=most)).judged for most in (0.5, 0.499)] == ["meets", "does not meet"]
     assert [one(Limit("gamma", least=least)).judged for least in (0.5, 0.501)] == ["meets", "does not meet"]
-
-
-def test_number_that_the_psf_has_not_is_undecided_and_said():
     judged = one(Limit("gain", least=1.0))
     assert (judged.judged, judged.value) == ("undecided", None)
     assert "cannot be judged: there is no such number" in judged.words
@@ -86,30 +80,18 @@ def test_uncertainty_that_is_not_known_meets_nothing(uncertainty):
     assert one(Limit("strehl", least=0.0), plane).judged == Compliance.UNDECIDED
 
 
-def test_limit_of_some_planes_holds_for_them_only():
+def test_limits_hold_for_their_planes_directions_frequencies_and_places():
     limits = Specification((Limit("gamma", most=0.1, planes=("R", "B")),))
     assert compare(record(name="G1"), limits) == Comparison()
     assert [judged.judged for judged in compare(record(name="B"), limits).judgements] == ["does not meet"]
-
-
-def test_refused_plane_leaves_its_specification_undecided():
     refused = compare(PlaneResult("G1", Verdict.REFUSED), Specification((Limit("gamma", most=1.0),)))
     assert refused == Comparison(Compliance.UNDECIDED)
-
-
-# --- directions, frequencies, places, units ------------------------------------------------------------------------
-
-
-def test_number_of_a_family_is_held_along_rows_and_along_columns():
     both = judgements(Limit("mtf50", least=0.1))
     assert [one.number for one in both] == ["mtf50_horizontal", "mtf50_vertical"]
     edge = PlaneResult("Y", Verdict.PASS, numbers={"mtf50": LOW})
     (across,) = judgements(Limit("mtf50", least=0.1), edge)
     assert (across.number, across.judged) == ("mtf50", "meets")
     assert one(Limit("mtf_nyquist", least=0.1), edge).judged == "undecided"
-
-
-def test_mtf_at_a_frequency_is_held_to_its_limit():
     x = (np.arange(17) - 8) / 4
     h = np.exp(-(x[:, None] ** 2 + x**2) / 2)
     psf = Psf(h / h.sum(), 4, np.eye(289) * 1e-12)
@@ -119,9 +101,6 @@ def test_mtf_at_a_frequency_is_held_to_its_limit():
     assert {one.judged for one in judgements(Limit("mtf", least=mtf + 0.01, at=0.125), plane)} == {"does not meet"}
     (far,) = judgements(Limit("mtf", least=0.1, at=0.3), plane)
     assert far.judged == "undecided"
-
-
-def test_limit_of_another_place_is_not_judged_by_this_one():
     plane = replace(record(), place="centre")
     assert one(Limit("gamma", most=1.0, place=Place.CENTRE), plane).judged == "meets"
     elsewhere = one(Limit("mtf50_radial", most=1.0, place=Place.CORNERS), plane)
@@ -129,7 +108,10 @@ def test_limit_of_another_place_is_not_judged_by_this_one():
     assert "it was not measured there" in elsewhere.words
 
 
-def test_every_place_of_a_frame_is_held_to_its_own_limit():
+# --- directions, frequencies, places, units ------------------------------------------------------------------------
+
+
+def test_every_place_of_a_frame_has_its_limit_and_what_was_not_measured_one_sentence():
     spots = [
         Spot("centre", (Place.CENTRE,), {"mtf50_radial": LOW}),
         Spot("upper left corner", (Place.CORNERS,), {"mtf50_radial": replace(LOW, value=0.1)}),
@@ -140,9 +122,6 @@ def test_every_place_of_a_frame_is_held_to_its_own_limit():
         ("upper left corner", "does not meet"),
         ("lower right corner", "undecided"),
     ]
-
-
-def test_all_that_was_not_measured_is_told_in_one_sentence():
     corners = [Spot(name, (Place.CORNERS,)) for name in ("upper left corner", "lower right corner")]
     spots = [Spot("centre", (Place.CENTRE,), {"mtf50_radial": LOW}), *corners]
     limits = (Limit("mtf50_radial", least=0.3), Limit("fwhm_horizontal", most=1.0, place=Place.CORNERS))
@@ -173,12 +152,9 @@ def test_limit_in_another_unit_is_the_same_limit(unit, factor):
         assert str(unit) in found.words
 
 
-def test_unit_that_needs_an_unknown_pitch_is_refused():
+def test_results_in_other_units_need_the_pitch_and_are_the_same():
     with pytest.raises(BadParameter, match="lp/mm needs the pitch of the sensor's pixels"):
         one(Limit("mtf50_radial", least=1.0, unit=Unit.LINE_PAIRS), pixels=Pixels(2))
-
-
-def test_result_in_another_unit_is_the_same_in_all_its_parts():
     x = (np.arange(17) - 8) / 4
     h = np.exp(-(x[:, None] ** 2 + x**2) / 2)
     psf = Psf(h / h.sum(), 4, np.eye(289) * 1e-10)

@@ -251,7 +251,7 @@ def test_record_that_names_files_elsewhere_removes_none(tmp_path):
     assert (tmp_path / "precious.npy").exists()
 
 
-def test_printed_edge_stands_beside_the_psf():
+def test_edges_and_the_gaussian_radius_stand_beside_the_psf():
     by_edge, by_psf = (Quantity(value, "cycles/pixel", 0.01, "known", 9) for value in (0.31, 0.30))
     edge = SimpleNamespace(
         edge=SimpleNamespace(orientation="vertical", normal_deg=3.0), by_edge=by_edge, by_psf=by_psf, difference=0.01,
@@ -262,9 +262,6 @@ def test_printed_edge_stands_beside_the_psf():
         "vertical", 3, 0.01, 0.7,
     )  # fmt: skip
     assert (entry["mtf50_edge"]["value"], entry["mtf50_psf"]["value"]) == (0.31, 0.30)
-
-
-def test_gaussian_radius_goes_with_the_radial_mtf50():
     mtf50 = Quantity(0.25, "cycles/pixel", 0.01, "", 9)
     assert dict(numbers_of(SimpleNamespace(numbers={"fwhm": mtf50}), 1)) == {"fwhm": mtf50}
     both = dict(numbers_of(SimpleNamespace(numbers={MTF50_RADIAL: mtf50}), 2))
@@ -286,13 +283,10 @@ def test_folder_of_results_is_left_closed_and_empty_if_it_failed(tmp_path, publi
     assert (tmp_path / "new").exists() == published
 
 
-def test_interval_of_a_number_stands_as_one_entry():
+def test_intervals_and_information_are_tabulated():
     known = {"value": 3.0, "unit": "bit", "uncertainty": 0.5, "method": "known", "n": 9}
     assert number_record(Quantity(**known)) == known
     assert number_record(IntervalNumber(**known, low=2.0, high=4.0)) == {**known, "interval": [2.0, 4.0]}
-
-
-def test_information_is_a_table_of_the_upper_half_plane():
     names = ("mtf", "nps", "neq", "neq_uncertainty", "equivalent_mtf", "equivalent_mtf_uncertainty")
     maps = {name: np.arange(16.0).reshape(4, 4) + 100 * n for n, name in enumerate(names)}
     table = information_table(SimpleNamespace(frequencies=np.fft.fftfreq(4), **maps)).decode()

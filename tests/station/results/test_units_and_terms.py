@@ -42,15 +42,12 @@ def test_a_frequency_has_the_same_meaning_in_every_unit(unit, factor):
     assert Frequency(0.123456 * factor, unit).per_pixel(OF_TWO) == pytest.approx(0.123456, rel=1e-5)
 
 
-def test_a_pitch_that_is_given_counts_before_the_cameras():
+def test_units_and_frequencies_are_known_asked_once_or_refused():
     planes = {"G1": SimpleNamespace(samples=np.zeros((40, 30)), pitch=2)}
     frame = SimpleNamespace(planes=planes, exposure=SimpleNamespace(pixel_pitch_um=5.0))
     assert pixels_of(frame) == {"G1": Pixels(2, 5.0, 30)}
     assert Pixels() == Pixels(1, None, None)
     assert pixels_of(frame, 3.0) == {"G1": Pixels(2, 3.0, 30)}
-
-
-def test_a_unit_that_is_not_known_is_replaced_or_refused():
     terms = Terms(Unit.LINE_WIDTHS)
     assert terms.with_known_unit(OF_TWO) is terms
     assert terms.with_known_unit(Pixels()).unit is Unit.CYCLES
@@ -58,15 +55,9 @@ def test_a_unit_that_is_not_known_is_replaced_or_refused():
         terms.frequencies(Pixels())
     assert terms.parameters() == {"unit": "lw/ph"}
     assert Terms().parameters() == {}
-
-
-def test_all_frequencies_asked_for_are_measured_once_in_order():
     specification = parse_specification('[[limit]]\nnumber = "mtf"\nat = 0.1\nmin = 0.5', "lens.toml")
     asked = (Frequency(0.25), Frequency(12.5, Unit.LINE_PAIRS))
     assert Terms(at=asked, specification=specification).frequencies(OF_TWO) == (0.1, 0.25)
-
-
-def test_what_has_no_mtf_at_a_frequency_says_why():
     terms = Terms(at=(Frequency(0.2), Frequency(1.3), Frequency(0.9)))
     of_psf = terms.apply(plane(POINT, **{"mtf_at_0.2_horizontal": HALF}), Pixels())
     assert of_psf.unavailable == (
@@ -77,7 +68,7 @@ def test_what_has_no_mtf_at_a_frequency_says_why():
     assert terms.apply(plane(), Pixels()).unavailable == ()  # a refused plane has no numbers at all
 
 
-def test_the_verdict_of_several_planes_is_the_worst():
+def test_the_verdict_of_several_planes_is_the_worst_and_a_line_names_the_main_numbers():
     planes = [SimpleNamespace(specification=one and Comparison(one)) for one in (None, *Compliance)]
     assert specification_verdict(planes) is Compliance.MISSES
     assert specification_verdict(planes[:2]) is Compliance.MEETS
@@ -88,9 +79,6 @@ def test_the_verdict_of_several_planes_is_the_worst():
         ("the specification cannot be judged: it is dark",),
     )
     assert Terms().specified([]) is None
-
-
-def test_a_line_names_the_main_numbers_and_those_asked_for():
     numbers = {"mtf_at_0.2_horizontal": HALF, "mtf_at_0.2_radial": HALF, "energy_outside_support": HALF}
     (line,) = line_numbers(plane(**numbers))
     assert line == "MTF at 0.2 cycles/pixel along rows 0.250 ± 0.010 cycles/pixel"

@@ -130,13 +130,10 @@ def test_a_token_that_is_soon_guessed_or_sent_wrong_is_refused(token):
         check_token(token)
 
 
-def test_a_port_that_is_taken_is_named():
+def test_ports_and_addresses_that_cannot_be_listened_on_are_named():
     with listen("127.0.0.1", 0) as one:
         port = one.getsockname()[1]
         with pytest.raises(PortTaken, match=rf"port {port} of 127.0.0.1 is required, but another program uses it"):
             listen("127.0.0.1", port)
-
-
-def test_an_address_of_another_machine_is_refused():
     with pytest.raises(BadParameter, match=r"cannot listen on 192\.0\.2\.1"):
         listen("192.0.2.1", 0)

@@ -11,7 +11,7 @@ from alpaca import exceptions
 
 from procedures.raw import read_frame
 from station.guide.workspace import StationLab
-from station.service.alpaca.protocol import nested, sensor_image
+from station.service.alpaca.protocol import sensor_image
 
 from ..guide import benches
 from .alpaca_clients import once
@@ -79,7 +79,7 @@ def test_a_photograph_is_the_sensors_numbers(camera, served):
     camera.StartExposure(0.02, True)  # as in the frames of this bench
     once(lambda: camera.ImageReady)
     (path,) = served.bench.simulated.folder.iterdir()
-    truth = sensor_image(list(read_frame(path).planes.values())).levels
+    truth = sensor_image(list(read_frame(path).planes.values()))
     assert (camera.CameraXSize, camera.CameraYSize) == (camera.NumX, camera.NumY) == (96, 64) == truth.shape[::-1]
     assert camera.MaxADU == 16383
     assert camera.SensorType is alpaca_camera.SensorType.RGGB
@@ -93,7 +93,7 @@ def test_a_photograph_is_the_sensors_numbers(camera, served):
     assert (info.Rank, info.Dimension1, info.Dimension2) == (2, 96, 64)
     np.testing.assert_array_equal(np.array(camera.ImageArrayRaw).reshape(96, 64), truth.T)
     reply = requests.get(camera.base_url + "/imagearray", timeout=30).json()
-    assert (reply["Type"], reply["Rank"], reply["Value"]) == (2, 2, nested(truth))
+    assert (reply["Type"], reply["Rank"], reply["Value"]) == (2, 2, truth.T.tolist())
     assert served.picture.number == 1
     camera.StartX, camera.StartY, camera.NumX, camera.NumY = 10, 4, 20, 30
     np.testing.assert_array_equal(np.array(camera.ImageArray), truth[4:34, 10:30].T)

@@ -63,15 +63,12 @@ def test_numbers_that_are_not_finite_come_back_and_every_parser_reads_the_line(t
     assert line.data["values"] == [math.inf, -math.inf]
 
 
-def test_journal_cut_anywhere_gives_the_whole_lines_before(three):
+def test_cuts_and_alterations_of_any_byte_are_found(three):
     ends = [i + 1 for i, byte in enumerate(three) if byte == ord("\n")]
     for cut in range(len(three) + 1):
         contents = parse(three[:cut], FIRST, "journal")
         assert len(contents.lines) == sum(end <= cut for end in ends)
         assert three[: contents.length] + contents.torn == three[:cut]
-
-
-def test_alteration_of_any_byte_is_found(three):
     whole = parse(three, FIRST, "journal").lines
     for i in range(len(three)):
         altered = bytearray(three)

@@ -37,12 +37,9 @@ def test_the_turned_camera_shows_all_marks(corner):
     assert location.sighting.visible.all()
 
 
-def test_a_picture_without_a_chart_is_refused():
+def test_the_turned_camera_looks_at_its_place_and_refuses_a_picture_without_a_chart():
     with pytest.raises(Refused, match="no chart in the photograph"):
         locate_chart(np.full((240, 320), 0.4, np.float32))
-
-
-def test_the_turned_camera_looks_at_its_place():
     view = TurnedView(np.array([400.0, 300.0]), 250.0, np.zeros(2), 1.0, 50).towards(
         np.array([600.0, 420.0]), 90.0, 200.0
     )

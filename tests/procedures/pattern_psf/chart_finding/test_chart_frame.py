@@ -9,14 +9,11 @@ from procedures.pattern_psf.chart_finding import chart_frame
 SQUARE = np.array([[0.0, 0.0], [1, 0], [1, 1], [0, 1]]) * CELLS
 
 
-def test_frame_is_like_none_of_its_own_images() -> None:
+def test_frame_and_marks_have_the_symmetries_of_the_square_alone():
     scores = chart_frame.agreements(chart_frame.expected(), chart_frame.oriented_frames(), chart_frame.ring())
     assert scores[0] == pytest.approx(1, abs=1e-6)
     # the nearest is the transposed chart: its blocks are the same, its x-corners inverted
     assert max(scores[1:]) < 0.8
-
-
-def test_symmetries_map_the_square_and_the_marks_onto_themselves() -> None:
     for g, _ in chart_frame.symmetries():
         for points in (SQUARE, X_CORNERS):
             distances = np.linalg.norm(apply_homography(g, points)[:, None] - points, axis=2)
@@ -31,15 +28,12 @@ def test_symmetry_is_that_of_its_picture(n: int) -> None:
     assert np.nanmax(np.abs(back - chart_frame.expected())) < 1e-3
 
 
-def test_linear_light_does_not_matter() -> None:
+def test_linear_light_does_not_matter_and_a_negative_is_no_agreement():
     y, x = np.mgrid[0 : chart_frame.SIDE, 0 : chart_frame.SIDE] / chart_frame.SIDE
     lit = (0.1 + 0.05 * x + (1 + 0.3 * x - 0.4 * y) * chart_frame.expected()).astype(np.float32)
     assert chart_frame.agreements(lit, chart_frame.oriented_frames()[:1], chart_frame.ring())[0] == pytest.approx(
         1, abs=1e-5
     )
-
-
-def test_negative_is_no_agreement() -> None:
     assert (
         chart_frame.agreements(1 - chart_frame.expected(), chart_frame.oriented_frames()[:1], chart_frame.ring())[0]
         == 0
@@ -58,13 +52,10 @@ def test_marks_are_placed_to_a_tenth_of_a_rectified_pixel(shift: tuple[float, fl
     assert likeness.min() > 0.94
 
 
-def test_marks_outside_the_photograph_are_unlike() -> None:
+def test_a_third_of_the_frame_must_be_seen_and_marks_outside_are_unlike():
     rectified = chart_frame.expected().copy()
     rectified[: 2 * chart_frame.PIXELS] = np.nan
     assert np.flatnonzero(chart_frame.locate_marks(rectified)[1] == 0).tolist() == [0, 1, 2, 3]
-
-
-def test_a_third_of_the_frame_must_be_seen() -> None:
     rows, columns = np.nonzero(chart_frame.ring())
     for missing, score in ((0, pytest.approx(1, abs=1e-5)), (1, 0.0)):
         third = np.zeros_like(chart_frame.ring())

@@ -73,18 +73,12 @@ def test_chart_is_found_among_clutter_with_two_marks_hidden(
     assert np.linalg.norm(centres - 100, axis=1).min() < 2
 
 
-def test_clutter_alone_has_few_layouts(rng: np.random.Generator) -> None:
+def test_clutter_and_finer_lattices_are_no_chart_and_two_sides_of_the_frame_are_enough(rng):
     layouts = find_layouts(saddles_at(np.zeros((0, 2)), 1, rng, clutter=0))
     assert layouts.maps.shape == (0, 3, 3)
-
-
-def test_finer_lattice_is_no_chart() -> None:
     x, y = np.meshgrid(np.arange(0, 200, 10.0), np.arange(0, 200, 10.0))
     lattice = np.column_stack([x.ravel(), y.ravel()])
     assert len(find_layouts(saddles_at(lattice, 1, np.random.default_rng(0))).maps) == 0
-
-
-def test_two_sides_of_the_frame_are_enough() -> None:
     H = tilted(0.3, 24, 0.2, 1.0, 0.1)
     first = min(X_CORNERS[:, 0]), min(X_CORNERS[:, 1])
     sides = X_CORNERS[(first == X_CORNERS).any(axis=1)]

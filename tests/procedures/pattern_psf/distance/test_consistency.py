@@ -82,21 +82,15 @@ def test_a_tape_measure_names_them_where_there_is_neither_laser_nor_rail(share):
     assert contradiction(replace(TRUE, tape_mm=1530.0), look(1500.0)) is None
 
 
-def test_one_distance_tells_no_scale_and_two_do_without_any_number_that_was_typed():
+def test_distances_tell_the_scale_by_two_and_short_moves_first():
     assert measured_scale([look(1300.0, rail=True), look(1310.0, rail=True)]) is None
     scale, by = measured_scale([look(1300.0, rail=True), look(1400.0, rail=True)])
     assert by == "rail's travel"
     assert scale == pytest.approx(look(1000.0).px_per_cell * 1000.0)
-
-
-def test_the_first_move_is_short_until_the_rail_has_told_whether_the_numbers_are_right():
     first, then = look(1300.0, rail=True), look(1400.0, rail=True)
     assert cautious_mm(900.0, first, 1300.0, TRUE) == pytest.approx(0.16 * 1300.0)
     assert cautious_mm(900.0, then, 1400.0, replace(TRUE, looks=(first,))) == 900.0
     assert cautious_mm(-100.0, first, 1300.0, TRUE) == -100.0
-
-
-def test_the_move_that_tells_the_scale_stays_on_the_rail():
     rail = {"z_mm": AxisTravel(580.0, 0.0, 600.0)}
     now = look(1380.0, rail=True)
     assert probe_mm(now, 1380.0, False, replace(TRUE, axes=rail)) == pytest.approx(-0.08 * 1380.0)

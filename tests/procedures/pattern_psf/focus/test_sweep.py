@@ -8,15 +8,12 @@ import pytest
 from procedures.pattern_psf.focus.sweep import best_focus
 
 
-def test_widths_that_grow_as_a_parabola_give_their_top_exactly():
+def test_the_top_of_a_sweep_is_exact_for_a_parabola_and_scatters_as_stated(rng):
     places = np.array([3.0, -1.0, 0.0, 2.0, 1.0])
     peak = best_focus(places, 1 / (2 + 0.1 * (places - 0.7) ** 2), np.full(5, 1e-3))
     assert peak is not None
     assert (peak.place, peak.score) == (pytest.approx(0.7, abs=1e-9), pytest.approx(0.5, abs=1e-12))
     assert peak.inside
-
-
-def test_the_error_bars_are_the_spread_of_repeated_sweeps(rng):
     # 400 sweeps: their spread is known to 1 / sqrt(2 * 400) = 3.5 %; four of these
     places = np.linspace(-2, 2, 9)
     true = 1 / (2 + 0.04 * (places - 0.3) ** 2)

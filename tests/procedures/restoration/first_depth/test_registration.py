@@ -50,12 +50,9 @@ def test_photographs_of_impossible_numbers_are_refused_before_curves_are_fitted(
         restore([*z], vibrating.stacks)
 
 
-def test_noise_has_no_shift(vibration_stacks):
+def test_noise_has_no_shift_and_pixels_from_outside_no_trust(vibration_stacks):
     rng = np.random.default_rng(5)
     assert not displacement(0.5 + 0.01 * rng.standard_normal((2, 1, 160, 160)), vibration_stacks).significant()
-
-
-def test_pixels_from_outside_have_no_trust():
     ramp = np.add.outer(np.arange(12.0), 2 * np.arange(16.0))[None]
     shifted, trust = shift_back(ramp, np.ones((1, 12, 16)), 2.5, -1.0)
     valid = trust[0] > 0
@@ -74,13 +71,10 @@ def test_a_shift_within_the_masks_is_corrected_and_reported(vibrating):
     assert outcome.value.diagnostics.residual_over_noise < 1.2
 
 
-def test_a_shift_larger_than_the_masks_is_refused(vibrating):
+def test_light_is_corrected_and_a_shift_larger_than_the_masks_refused(vibrating):
     z = displaced(vibrating.z, 8.0, 0.0)
     with pytest.raises(Refused, match=r"shifted by \(8, .*more than the masks' 6"):
         register(z, np.ones((2, 1, *z.shape[2:])), vibrating.stacks)
-
-
-def test_less_light_is_estimated_and_corrected(vibrating):
     z = vibrating.z * np.array([1, 0.93])[:, None, None, None]
     # the depth edge, at which no single level fits, contributes some thousandths
     assert relative_light(z, vibrating.stacks).factor == pytest.approx(0.93, abs=5e-3)

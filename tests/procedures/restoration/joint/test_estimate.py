@@ -22,20 +22,14 @@ def outcome(vibrating):
     return restore(list(vibrating.z), vibrating.stacks, RestorationParameters(scheme=Scheme(6, 6, 6, 2, 10)))
 
 
-def test_a_good_pair_passes(outcome, vibrating):
+def test_a_good_pair_passes_with_noise_estimated_and_a_residual_close_to_it(outcome, vibrating):
     assert outcome.verdict == Verdict.PASS, outcome.reason
     assert outcome.value.sharp.shape == (1, 96, 112)
     assert vibrating.picture_error(outcome.value.sharp) < 8
     assert vibrating.depth_error(outcome.value.w) < 0.2
-
-
-def test_the_noise_is_estimated(vibrating):
     true = 0.01 * vibrating.z.std()
     # the levels' spacing and the edge add to it, the minimum over levels subtracts
     assert 0.5 * true < noise_of(vibrating.z, vibrating.stacks) < 3 * true
-
-
-def test_noise_is_estimated_from_a_single_photograph():
     rng = np.random.default_rng(4)
     scene = gaussian_filter(rng.standard_normal((120, 120)), 4)
     scene /= 4 * scene.std()
@@ -43,9 +37,6 @@ def test_noise_is_estimated_from_a_single_photograph():
     # half of the ground is clipped at black; the upper quartile is then below the noise, by less than a third
     assert noise_upper_bound(z) == pytest.approx(0.01, rel=0.33)
     assert noise_upper_bound(0.5 + 0 * z + 0.01 * rng.standard_normal(z.shape)) == pytest.approx(0.01, rel=0.05)
-
-
-def test_the_residual_is_close_to_the_noise(outcome):
     assert outcome.value.diagnostics.residual_over_noise < 1
 
 
@@ -61,13 +52,10 @@ def test_photographs_of_two_scenes_are_refused(vibrating):
     assert residual == pytest.approx(100 / 2**0.5, rel=0.15)
 
 
-def test_uncertainty_of_the_picture_is_its_error_for_true_masks(outcome, vibrating):
+def test_uncertainty_of_the_picture_decides_between_pass_doubt_and_refusal(outcome, vibrating, vibration_shapes):
     # without the edges of the depth and the frame's rim; the prior assumes the detail of this scene
     error = vibrating.picture_error(outcome.value.sharp) / 255
     assert outcome.value.diagnostics.picture_std == pytest.approx(error, rel=0.5)
-
-
-def test_inaccurate_paths_are_doubtful_with_their_error(vibrating, vibration_shapes, outcome):
     # a shape rotated by 20 degrees represents an inaccurate measurement
     turned = mask_stack(rotate(vibration_shapes[1], 20, reshape=False, order=1).clip(0), 4.6, R=6)
     judged = restore(list(vibrating.z), [vibrating.stacks[0], turned], QUICK)
@@ -79,9 +67,6 @@ def test_inaccurate_paths_are_doubtful_with_their_error(vibrating, vibration_sha
     # the true error is larger than estimated, as a common error of both photographs is invisible
     error = vibrating.picture_error(judged.value.sharp) / 255
     assert 2 * outcome.value.diagnostics.picture_std < d.picture_std < error
-
-
-def test_residual_decides_between_pass_doubt_and_refusal(outcome):
     # a residual above the noise enters the picture's uncertainty, which must then be small relative to the blur
     cases = ((1.0, 1.3, "pass"), (1.3, 2.9, "doubtful"), (1.3, 3.1, "pass"), (4.9, 2.9, "doubtful"))
     for times, gained, verdict in (*cases, (5.1, 9.0, "refused"), (68.0, 9.0, "refused")):
@@ -89,9 +74,6 @@ def test_residual_decides_between_pass_doubt_and_refusal(outcome):
             outcome.value.diagnostics, residual_over_noise=times, elsewhere_over_noise=times, gained=gained
         )
         assert judge(replace(outcome.value, diagnostics=judged)).verdict == verdict
-
-
-def test_a_picture_that_errs_as_much_as_the_photograph_does_not_pass(outcome):
     judged = replace(outcome.value.diagnostics, residual_over_noise=1.0, elsewhere_over_noise=1.0, gained=1.0)
     doubtful = judge(replace(outcome.value, diagnostics=judged))
     assert doubtful.verdict == Verdict.DOUBTFUL
@@ -111,27 +93,18 @@ def test_expected_gain_is_the_true_one_from_symmetric_starts(noise_db):
     assert restored.diagnostics.gained == pytest.approx(gain, rel=0.3)
 
 
-def test_photographs_that_no_depth_explains_may_be_in_a_wrong_order(outcome):
+def test_uncertainties_of_picture_and_depth_are_stated_at_every_pixel(outcome, vibrating):
     judged = replace(outcome.value.diagnostics, residual_over_noise=3.9, gained=1.0, undetermined=1.0)
     assert "in one order" in judge(replace(outcome.value, diagnostics=judged)).remedy
     judged = replace(judged, undetermined=0.1)
     assert "in one order" not in judge(replace(outcome.value, diagnostics=judged)).remedy
-
-
-def test_every_pixel_of_the_picture_has_an_uncertainty(outcome, vibrating):
     result, R, rim = outcome.value, vibrating.R, slice(12, -12)
     error = np.abs(result.sharp[0] - vibrating.sharp[0, R:-R, R:-R])
     # 95 % of a normal distribution; edges of the depth are included
     assert 0.85 < np.mean(error[rim, rim] < 2 * result.sharp_std[rim, rim]) < 0.99
-
-
-def test_uncertainty_of_depth_is_that_due_to_noise(outcome):
     spread = outcome.value.w_std
     assert spread.shape == outcome.value.w.shape
     assert 0 < np.median(spread) < 0.2
-
-
-def test_refocusing_leaves_the_chosen_depth_sharp(outcome, vibrating):
     result = outcome.value
     view = refocused(result, vibrating.stacks[0], 2.0, 2.0)
     change = gaussian_filter((view - result.sharp)[0] ** 2, 3)
@@ -141,25 +114,17 @@ def test_refocusing_leaves_the_chosen_depth_sharp(outcome, vibrating):
 
 
 @pytest.mark.slow
-def test_a_wrong_ratio_is_doubtful(vibrating, vibration_stacks):
+def test_a_wrong_ratio_is_doubtful_colours_share_one_depth_and_saturation_is_excluded(vibrating, vibration_stacks):
     swapped = restore(list(vibrating.z), vibration_stacks[::-1], QUICK)
     assert swapped.verdict == Verdict.DOUBTFUL
     assert "times the noise" in swapped.reason
     assert swapped.remedy
-
-
-@pytest.mark.slow
-def test_colour_shares_one_depth(vibrating):
     z = np.concatenate([vibrating.z, 0.6 * vibrating.z], axis=1)
     result = restore(
         list(z), vibrating.stacks, RestorationParameters(scheme=Scheme(2, 4, 4, 1, 4), total_variation=True)
     )
     assert result.value.sharp.shape == (2, 96, 112)
     assert np.median(result.value.sharp[1] / result.value.sharp[0]) == pytest.approx(0.6, abs=0.02)
-
-
-@pytest.mark.slow
-def test_saturated_samples_are_excluded(vibrating):
     z = vibrating.z.copy()
     z[0, 0, 40:44, 50:54] = 1.0
     result = restore(list(z), vibrating.stacks, QUICK).value
@@ -197,12 +162,9 @@ def test_bad_photographs_are_refused_with_reason(vibrating, kind):
     assert refusal.value.remedy
 
 
-def test_equal_blurs_are_refused(vibrating):
+def test_equal_blurs_and_masks_as_large_as_the_photograph_are_refused(vibrating):
     with pytest.raises(BadParameter, match="equally"):
         restore(list(vibrating.z), [vibrating.stacks[0]] * 2, QUICK)
-
-
-def test_masks_as_large_as_the_photograph_are_refused(vibrating):
     with pytest.raises(BadParameter, match="too large"):
         restore([p[:, :20, :20] for p in vibrating.z], vibrating.stacks, QUICK)
 
@@ -213,17 +175,11 @@ def test_impossible_ranges_of_w_are_refused(w):
         check_max_w(w)
 
 
-def test_wrong_parameters_are_refused():
+def test_wrong_parameters_are_refused_and_noise_gain_falls_with_the_weight(vibration_stacks):
     with pytest.raises(BadParameter, match="depth start"):
         RestorationParameters(depth_start="best")
     with pytest.raises(BadParameter, match="image weight"):
         RestorationParameters(image_weight=-1.0)
-
-
-def test_noise_gain_falls_with_the_weight(vibration_stacks):
     gains = [noise_gain(vibration_stacks, 2.5, weight) for weight in (1e-4, 1e-2)]
     assert gains[0] > gains[1] > 0
-
-
-def test_reach_covers_both_masks_and_the_window(vibration_stacks):
     assert reach_of(np.full((10, 10), 3.0), vibration_stacks) >= 2 * 3 + 5

@@ -54,15 +54,12 @@ def first_truth(scene):
     return scene.w[6:-6, 6:-6]
 
 
-def test_one_joint_step_lowers_the_cost(vibrating, problem, first):
+def test_joint_steps_lower_the_cost_and_approach_the_true_depth(vibrating, problem, first, restored):
     state = joint_descent.begin(problem, first)
     weights = PriorWeights(1e-3, 0.05)
     before = joint_descent.cost(problem, state.u, state.w, weights)[0]
     u, w = joint_step(problem.data, state.u, state.w, weights, 12)
     assert joint_descent.cost(problem, u, w, weights)[0] < before
-
-
-def test_restoration_approaches_the_true_depth(vibrating, problem, restored, first):
     problem.data.focus(vibrating.w.astype(np.float32))
     oracle = restore_picture(problem.data, joint_descent.begin(problem, first_truth(vibrating)).u, 3e-4, 60)
     best_error = vibrating.picture_error(oracle[:, 6:-6, 6:-6])
@@ -133,13 +130,10 @@ def test_the_depth_prior_yields_to_a_smeared_step_under_strong_noise(vibration_s
     assert noisy.picture_error(yielding.u[inside]) < 0.97 * noisy.picture_error(stiff.u[inside])
 
 
-def test_a_weak_depth_prior_does_not_yield(problem, first):
+def test_weak_priors_and_missing_edges_change_nothing(problem, first):
     state, weights = joint_descent.begin(problem, first), PriorWeights(1e-3, 0.05)
     before = joint_descent.cost(problem, state.u, state.w, weights)
     assert joint_descent.cost(replace(problem, yielding=0), state.u, state.w, weights) == before
-
-
-def test_without_edges_there_are_no_layers():
     w = np.full((40, 40), 2.0)
     labels = segments.segments(w, 3, jump=0.35)
     assert labels.max() == 1

@@ -35,13 +35,10 @@ def test_the_centroid_stretches_with_the_kernel(w, seed):
     assert x == pytest.approx(x0 * w / 7, abs=0.25)
 
 
-def test_fine_shapes_are_interpolated():
+def test_fine_kernels_define_range_and_ratio():
     fine = mask(pillbox(), 8.0, 9)
     # 257 samples over 16 pixels are far below a quarter of a pixel apart: the area of the disc, pixel by pixel
     assert fine[9, 9] == pytest.approx(1 / (np.pi * 8.0**2), rel=0.01)
-
-
-def test_kernels_define_range_and_ratio():
     assert default_max_w([kernel(27), kernel(19)]) == 14
     assert default_max_w([kernel(13)]) == default_max_w([pillbox()]) == 8
     assert size_ratios([kernel(19), kernel(27)]) == (1, 26 / 18)

@@ -57,24 +57,20 @@ def stacks(masks):
     return [MaskStack(np.stack([one, one]), 1.0) for one in masks]
 
 
-def test_the_expected_error_is_the_error_for_any_error_of_the_masks(scene, restored):
+def test_the_expected_error_is_the_error_and_two_deviations_hold_95_percent(scene, restored):
     u, residual, measured = restored
     error = picture_error(stacks(measured), np.array([0.5]), np.full(BANDS, WEIGHT), residual, u, NOISE)
     # errors of masks are equal in picture and residual only on average over many masks
     assert error.std == pytest.approx(np.std(u[0] - scene), rel=0.3)
     assert error.std == pytest.approx(math.hypot(*error.budget.values()))
     assert error.blurred > 2 * error.std
-
-
-def test_two_standard_deviations_hold_95_percent_of_the_pixels(scene, restored):
-    u, residual, measured = restored
     error = picture_error(stacks(measured), np.array([0.5]), np.full(BANDS, WEIGHT), residual, u, NOISE)
     inside = np.abs(u[0] - scene) < 2 * error_map(error, residual, 7)
     # 95 % of a normal distribution; one pair of masks errs more or less in the picture than in the residual
     assert 0.85 < inside.mean() < 0.99
 
 
-def test_noise_of_any_spectrum_is_estimated_where_the_scene_is_smooth(scene):
+def test_noise_is_estimated_where_the_scene_is_smooth_and_is_no_error_of_the_masks(scene):
     rng = np.random.default_rng(3)
     noise = gaussian_filter(rng.standard_normal((2, 1, N, N)), (0, 0, 1, 1))
     noise *= NOISE / noise.std()
@@ -83,10 +79,6 @@ def test_noise_of_any_spectrum_is_estimated_where_the_scene_is_smooth(scene):
     residual_ = (noise - noise.mean(axis=0)) + 0 * scene
     assert residual_noise(z, residual_, scene[None], 3) == pytest.approx(NOISE, rel=0.15)
     assert noise_upper_bound(noise) < 0.3 * NOISE
-
-
-def test_errors_of_the_masks_are_no_noise(scene):
-    rng = np.random.default_rng(3)
     z = np.stack([gaussian_filter(scene, 2)] * 2)[:, None]
     noise = NOISE / 2**0.5 * rng.standard_normal(z.shape)
     # displaced masks leave a residual in proportion to the scene's gradient
@@ -114,7 +106,7 @@ def test_detail_suppressed_by_the_prior_is_in_the_expected_error_of_known_masks(
     np.testing.assert_allclose(stated, off, rtol=0.25)
 
 
-def test_what_exceeds_the_noise_is_a_disagreement_of_masks_and_photographs(scene):
+def test_what_exceeds_the_noise_is_a_disagreement_and_falls_with_more_light(scene):
     shares = []
     for wrong in (0.0, 0.5):
         u, residual, masks = filtered(scene, wrong, WEIGHT)
@@ -122,9 +114,6 @@ def test_what_exceeds_the_noise_is_a_disagreement_of_masks_and_photographs(scene
         shares.append(error.budget["shapes"] ** 2 / (error.budget["shapes"] ** 2 + error.budget["noise"] ** 2))
     assert shares[0] < 0.25
     assert shares[1] > 0.5
-
-
-def test_the_error_with_more_light_is_that_of_a_brighter_photograph(scene):
     best = min(np.logspace(-4, -1, 31), key=lambda weight: np.std(filtered(scene, 0.0, weight)[0][0] - scene))
     u, residual, masks = filtered(scene, 0.0, best)
     error = picture_error(stacks(masks), np.array([0.5]), np.full(BANDS, best), residual, u, NOISE)

@@ -7,44 +7,28 @@ from procedures.restoration.joint.schedule import Schedule, Scheme, Statistics
 from procedures.restoration.masks.array_loops import add_bending
 
 
-def test_diffusion_is_the_gradient_of_roughness(rng):
+def test_priors_agree_with_their_gradients_and_keep_what_they_should(rng):
     x, d = rng.standard_normal((2, 2, 9, 11))
     down, across = rng.random((8, 11)), rng.random((9, 10))
     t = 1e-6
     slope = (priors.roughness(x + t * d, down, across) - priors.roughness(x - t * d, down, across)) / (2 * t)
     assert slope == pytest.approx(np.vdot(d, priors.diffuse(x, down, across)), rel=1e-6)  # central difference
-
-
-def test_bending_agrees_with_its_gradient_and_vanishes_for_planes(rng):
     x, d = rng.standard_normal((2, 9, 11))
-    down, across = rng.random((8, 11)), rng.random((9, 10))
     t, out = 1e-6, np.zeros(x.shape)
     add_bending(out, x, 1.0, down, across)
     slope = (priors.bending(x + t * d, down, across) - priors.bending(x - t * d, down, across)) / (2 * t)
     assert slope == pytest.approx(np.vdot(d, out), rel=1e-6)  # central difference
     y, z = np.indices(x.shape)
     assert priors.bending(0.3 * y - 0.2 * z + 1, down, across) == pytest.approx(0, abs=1e-12)
-
-
-def test_even_bending_is_the_squared_laplacian(rng):
     x, out = np.pad(rng.standard_normal((6, 7)), 4), np.zeros((14, 15))  # away from the frame's ends
     add_bending(out, x, 1.0, 1.0, 1.0)
     assert out[2:-2, 2:-2] == pytest.approx(priors.diffuse(priors.diffuse(x))[2:-2, 2:-2])
-
-
-def test_diffusion_keeps_the_sum_and_constants(rng):
     assert priors.diffuse(rng.standard_normal((1, 7, 7))).sum() == pytest.approx(0, abs=1e-12)
     assert not priors.diffuse(np.full((1, 7, 7), 3.0)).any()
-
-
-def test_lagged_weights_make_quadratic_roughness_total_variation():
     # a step of height 2 across 10 rows: total variation 20, half the weighted square is half of that
     u = np.zeros((1, 10, 12))
     u[..., 6:] = 2
     assert priors.roughness(u, *priors.total_variation(u, 1e-3)) == pytest.approx(10)
-
-
-def test_colour_gradients_are_combined():
     u = np.zeros((3, 6, 6))
     u[:, :, 3:] = np.array([3.0, 4.0, 0.0])[:, None, None]
     _, across = priors.total_variation(u, 1e-3)
@@ -76,7 +60,7 @@ def test_other_schemes_are_refused(text):
         Scheme.parse(text)
 
 
-def test_weights_fall_to_those_required_by_noise():
+def test_weights_end_at_those_required_by_noise_and_by_the_typical_slope():
     schedule, quiet = Schedule(20), Statistics(1e-4, 1e-4, 0.02)
     weights = [schedule.at(n, quiet) for n in range(20)]
     pictures = [w.picture for w in weights]
@@ -84,14 +68,8 @@ def test_weights_fall_to_those_required_by_noise():
     assert weights[-1].picture == pytest.approx(max(1e-7, schedule.final(quiet).picture))
     noisy = Statistics(0.01, 0.01, 0.02)
     assert schedule.at(19, noisy).picture == schedule.final(noisy).picture
-
-
-def test_given_weights_are_the_final_ones():
     last = Schedule(20, picture=2e-3, depth=0.5).at(19, Statistics(1e-4, 1e-4, 0.02))
     assert (last.picture, last.depth) == (2e-3, 0.5)
-
-
-def test_total_variation_of_depth_is_quadratic_up_to_the_typical_slope():
     x = np.mgrid[0:20, 0:30][1]
     gentle, steep = (priors.depth_variation(slope * x, 0.014)[1] for slope in (0.01, 0.14))
     np.testing.assert_allclose(gentle, 1)

@@ -40,40 +40,25 @@ def test_the_blur_circle_has_the_variance_of_a_disc(w):
     assert [xx, yy] == pytest.approx([w**2 / 4 + 1 / 12] * 2, rel=0.03)
 
 
-def test_uniform_motion_has_the_variance_of_its_length():
+def test_shapes_stretch_turn_and_have_the_names_of_apertures():
     # a line of half-length w: w^2 / 3 along it (5.5), the drawn line ends its thickness before the frame
     w = 6.0
     _, _, xx, yy = moments(models.mask(models.uniform_motion(0.0), w, 8))
     assert xx == pytest.approx((0.94 * w) ** 2 / 3 + 1 / 12, rel=0.02)
     assert yy < 0.15
-
-
-def test_a_polygon_of_many_blades_is_a_circle():
     circle, polygon = models.pillbox(), models.polygon(64)
     assert np.mean(circle != polygon) < 0.01
-
-
-def test_masks_stretch_with_the_ratio():
     one = models.mask_stack(SHAPES["hexagon"], 3.0, R=6)
     other = models.mask_stack(SHAPES["hexagon"], 3.0, ratio=1.5, R=6)
     np.testing.assert_allclose(other.at(2.0), one.at(3.0), atol=2e-3)  # one level off by interpolation at most
-
-
-def test_behind_the_focus_the_shape_is_upside_down():
     shape = np.zeros((257, 257))
     shape[:60, 100:160] = 1
     stack = models.mask_stack(shape, 4.0, ratio=1.0, offset=-2.0, R=5)
     np.testing.assert_allclose(stack.at(4.0), stack.at(0.0)[::-1, ::-1], atol=1e-12)
-
-
-def test_masks_hold_a_photograph_focused_beyond_the_scene():
     # w - 6 is negative everywhere: the widest is at w = 0
     stack = models.mask_stack(SHAPES["hexagon"], 4.0, offset=-6.0)
     assert stack.R == 7
     assert moments(stack.at(0.0))[2] > moments(stack.at(4.0))[2]
-
-
-def test_apertures_have_names():
     np.testing.assert_array_equal(models.named("polygon:6"), SHAPES["hexagon"])
     np.testing.assert_array_equal(models.named("pillbox"), SHAPES["pillbox"])
     assert models.named("shape.txt") is None

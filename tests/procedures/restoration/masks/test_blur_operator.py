@@ -25,22 +25,16 @@ def depths(blur, rng):
     return rng.uniform(0.3, 4.2, blur.extended)
 
 
-def test_correlation_is_the_adjoint_of_convolution(blur, depths, rng):
+def test_gradients_and_changes_are_adjoint_to_the_blur(blur, depths, rng):
     blur.focus(depths)
     u, e = rng.standard_normal((2, *blur.extended)), rng.standard_normal((2, *SHAPE))
     # equality to rounding: sums of about 1e5 products
     assert np.vdot(blur.blur(u), e) == pytest.approx(np.vdot(u, blur.blur_adjoint(e)), rel=1e-10, abs=1e-9)
-
-
-def test_gradients_are_the_adjoint_of_the_change(blur, depths, rng):
     blur.focus(depths)
     u, du = rng.standard_normal((2, 3, *blur.extended))
     dw, e = rng.standard_normal(blur.extended), rng.standard_normal((3, *SHAPE))
     gu, gw = blur.change_adjoint(u, e)
     assert np.vdot(blur.change(u, du, dw), e) == pytest.approx(np.vdot(du, gu) + np.vdot(dw, gw), rel=1e-9, abs=1e-8)
-
-
-def test_the_change_is_the_difference_of_two_blurs(blur, depths, rng):
     # masks are linear between levels, so a change that stays between them is predicted to rounding
     step = blur.stack.step
     w = (np.floor(depths / step) + 0.5) * step
@@ -83,16 +77,13 @@ def test_neighbours_may_have_masks_of_any_size(rng):
     assert np.vdot(blur.blur_adjoint(e), u) == pytest.approx(np.vdot(e, photograph), rel=1e-10)
 
 
-def test_a_field_of_equal_stacks_is_one_stack(vibration_stacks, rng):
+def test_fields_and_windows_are_blurred_as_the_whole(vibration_stacks, rng, blur, depths):
     stack = vibration_stacks[0]
     one, field = BlurOperator(stack, SHAPE), FieldBlur([[stack] * 3] * 2, SHAPE)
     w, u = rng.uniform(0.3, 4.2, one.extended), rng.standard_normal(one.extended)
     one.focus(w)
     field.focus(w)
     np.testing.assert_allclose(field.blur(u), one.blur(u), atol=1e-12)
-
-
-def test_a_window_is_blurred_as_in_the_whole(blur, depths, rng):
     y, x, R = slice(3, 21), slice(9, 45), blur.stack.R
     around = np.s_[y.start : y.stop + 2 * R, x.start : x.stop + 2 * R]
     u = rng.standard_normal(blur.extended)
@@ -114,14 +105,11 @@ def test_photographs_do_not_depend_on_the_number_of_threads(vibration_stacks, rn
         np.testing.assert_array_equal(one, three)
 
 
-def test_light_is_preserved(vibration_stacks):
+def test_light_is_preserved_in_single_precision_too(vibration_stacks, rng):
     # every mask has sum 1, so a uniform scene is unchanged, at any single depth
     blur = BlurOperator(vibration_stacks[1], SHAPE)
     blur.focus(np.full(blur.extended, 3.12))
     np.testing.assert_allclose(blur.blur(np.ones(blur.extended)), 1, atol=1e-12)
-
-
-def test_single_precision_agrees_with_double(vibration_stacks, rng):
     w, u = rng.uniform(0.3, 4.2, (49, 57)), rng.standard_normal((49, 57))
     photographs = []
     for dtype in (np.float32, np.float64):
@@ -130,9 +118,6 @@ def test_single_precision_agrees_with_double(vibration_stacks, rng):
         photographs.append(blur.blur(u.astype(dtype)))
     assert photographs[0].dtype == np.float32
     np.testing.assert_allclose(photographs[0], photographs[1], atol=3e-6)  # eps 6e-8 times some 50 terms
-
-
-def test_inactive_pixels_send_and_receive_nothing(vibration_stacks, rng):
     blur = BlurOperator(vibration_stacks[0], SHAPE)
     active = rng.random(blur.extended) > 0.5
     w, u = rng.uniform(0.3, 4.2, blur.extended), rng.standard_normal(blur.extended)
@@ -143,13 +128,10 @@ def test_inactive_pixels_send_and_receive_nothing(vibration_stacks, rng):
     assert not blur.blur_adjoint(rng.standard_normal(SHAPE))[~active].any()
 
 
-def test_supports_grow_with_w():
+def test_interpolated_masks_draw_a_point_within_their_support():
     stack = mask_stack(pillbox(), 4.0)
     assert list(stack.supports()) == sorted(stack.supports())
     assert stack.supports()[-1] <= stack.R
-
-
-def test_a_blurred_point_is_the_mask():
     # one bright point: its photograph is the mask of its depth, upright
     stack = mask_stack(uniform_motion(0.6), 5.0)
     blur = BlurOperator(stack, (31, 31))
@@ -158,9 +140,6 @@ def test_a_blurred_point_is_the_mask():
     u[stack.R + 15, stack.R + 15] = 1
     R = stack.R
     np.testing.assert_allclose(blur.blur(u)[15 - R : 16 + R, 15 - R : 16 + R], stack.at(4.0), atol=1e-15)
-
-
-def test_interpolated_masks_agree_with_stored_ones():
     stack = MaskStack(np.random.default_rng(0).random((4, 3, 3)), 0.5)
     np.testing.assert_allclose(stack.at(1.0), stack.masks[2])
     np.testing.assert_allclose(stack.at(0.75), (stack.masks[1] + stack.masks[2]) / 2)

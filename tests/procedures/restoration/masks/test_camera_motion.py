@@ -55,14 +55,11 @@ def poses():
     return c.poses_of(record(zero=1.0), OPEN_S)
 
 
-def test_poses_are_recovered_from_the_unit_s_record(poses):
+def test_poses_and_their_curves_are_recovered_from_the_records(poses):
     position, turn = truth(np.linspace(0, OPEN_S, c.INSTANTS))
     # the fitted line and parabola remove some hundredths of the motion
     assert np.abs(poses.turn_rad - turn).max() < 0.01 * np.abs(turn).max()
     assert np.abs(poses.position_m - position).max() < 0.03 * np.abs(position).max()
-
-
-def test_curves_agree_with_the_velocity_field(poses):
     # (5.1) integrated step by step over the same motion
     t = np.linspace(-0.05, OPEN_S, 1001)
     imu, speed = ideal(t)
@@ -76,9 +73,6 @@ def test_curves_agree_with_the_velocity_field(poses):
     )
     # midpoint rule; the depth at the first instant is that at rest to 2e-3
     assert np.abs(projected + np.array([x, y]) - stepped).max() < 0.005 * np.abs(projected).max()
-
-
-def test_given_poses_are_unchanged():
     t = np.linspace(0.0, OPEN_S, 4001)
     position, turn = truth(t)
     given = c.poses_at(t, position * c.FLIPPED, turn * c.FLIPPED)
@@ -86,9 +80,6 @@ def test_given_poses_are_unchanged():
     # linear between 4001 instants of two periods: (omega dt)^2 / 8
     np.testing.assert_allclose(given.position_m, expected[0], atol=2e-6 * np.abs(SHIFT_M).max())
     np.testing.assert_allclose(given.turn_rad, expected[1], atol=2e-6 * np.abs(TURN).max())
-
-
-def test_poses_may_be_timed_by_the_clock():
     t, position = np.linspace(0, 0.1, 9), np.arange(27.0).reshape(9, 3)
     ours, theirs = (c.poses_at(since + t, position, 0 * position) for since in (0.0, 1.75e9))
     # a double of 1.75e9 s resolves 2.4e-7 s, and the position moves by 240 m/s
@@ -157,7 +148,7 @@ def test_invalid_records_are_refused(kind):
     assert refusal.value.remedy
 
 
-def test_insufficient_motion_is_refused(poses):
+def test_insufficient_motion_and_a_rig_that_meets_the_scene_are_refused(poses):
     resting = c.Poses(np.zeros((9, 3)), poses.turn_rad[:9])
     with pytest.raises(Refused, match="must move parallel"):
         c.motion_blur([resting], FOCAL, SHAPE, 1.0)
@@ -167,9 +158,6 @@ def test_insufficient_motion_is_refused(poses):
         c.motion_blur([poses], 0.0, SHAPE, 1.0)
     with pytest.raises(BadParameter, match="too large"):
         c.motion_blur([poses], FOCAL, SHAPE, 40.0)
-
-
-def test_a_rig_that_meets_the_scene_is_refused():
     ahead = np.column_stack(
         [np.linspace(0, 1e-3, 9), np.zeros(9), np.linspace(0, 2, 9)]
     )  # a point 1 m away is in its path
@@ -204,13 +192,10 @@ def test_poses_are_those_of_the_commanded_path(since_s):
     assert not poses.turn_rad.any()
 
 
-def test_the_start_of_a_whole_round_does_not_matter():
+def test_a_partial_round_requires_its_start():
     given, unknown = (c.poses_on(commanded(since_s), 0.1) for since_s in (0.04, None))
     blurs = [c.planar_stacks([one.planar_path, one.planar_path], 4.0)[0] for one in (given, unknown)]
     first, second = (stack.masks[-1] for stack in blurs)
     np.testing.assert_allclose(first, second, atol=0.02 * first.max())
-
-
-def test_the_start_of_a_partial_round_is_required():
     with pytest.raises(BadInput, match=r"0.13 s is no whole number of rounds of 0.1 s, and its start is not known"):
         c.poses_on(commanded(None), 0.13)

@@ -46,7 +46,7 @@ def test_a_field_of_equal_stacks_restores_as_the_stack_does(vibrating):
     assert np.median(np.abs(many.sharp - one.sharp)) < 1e-3
 
 
-def test_blur_of_a_lens_with_coma_is_restored_with_its_field(photographs, lens):
+def test_blur_of_a_lens_with_coma_is_restored_with_its_field_from_the_initial_depth(photographs, lens):
     parameters = RestorationParameters(scheme=Scheme(2, 4, 4, 1, 8))
     restored = restore(list(photographs.z), lens, parameters)
     assert restored.verdict in (Verdict.PASS, Verdict.DOUBTFUL)
@@ -57,9 +57,6 @@ def test_blur_of_a_lens_with_coma_is_restored_with_its_field(photographs, lens):
     assert photographs.picture_error(restored.value.sharp) < 0.65 * photographs.picture_error(photographs.z[0])
     view = refocused(restored.value, lens[0], 2.0, 2.0)
     assert view.shape == restored.value.sharp.shape
-
-
-def test_initial_depths_accept_fields(photographs, lens):
     sigmas = np.full(2, noise_of(photographs.z, lens))
     errors = [
         np.median(np.abs(start.w - photographs.w[lens[0].R : -lens[0].R, lens[0].R : -lens[0].R]))
@@ -72,13 +69,10 @@ def test_initial_depths_accept_fields(photographs, lens):
     assert initial_depth.algorithm_2(photographs.z, lens, sigmas[0]).w.shape == (80, 96)
 
 
-def test_nodes_lie_over_the_frame_that_the_masks_extend():
+def test_nodes_lie_over_the_extended_frame_and_stacks_join_fields(vibration_stacks, defocus_stacks):
     y, x = positions((3, 1), (101, 61), 5)
     np.testing.assert_allclose(y, [-5, 50, 105])
     assert x == pytest.approx([30])
-
-
-def test_a_stack_next_to_a_field_is_constant(vibration_stacks):
     a, b = vibration_stacks
     field = MaskField(((a, b),))
     first, second = one_grid([field, a])
@@ -86,10 +80,6 @@ def test_a_stack_next_to_a_field_is_constant(vibration_stacks):
     assert second.grid == (1, 2)
     assert not alike([field, a])
     assert alike([MaskField(((a, a),)), a])
-
-
-def test_fields_that_do_not_fit_together_are_refused(vibration_stacks, defocus_stacks):
-    a, b = vibration_stacks
     with pytest.raises(BadParameter, match="agree in size"):
         MaskField(((a, defocus_stacks[0]),))
     with pytest.raises(BadParameter, match="rows of equal length"):

@@ -19,7 +19,7 @@ def binned(h, s, R):
     return wide.reshape(2 * R + 1, s, 2 * R + 1, s).sum(axis=(1, 3))
 
 
-def test_at_the_measured_half_width_the_mask_is_the_measured_psf():
+def test_the_measured_psf_is_the_mask_without_values_below_the_noise():
     h = spot(4.0, (0.1, 0.0), samples=3, k=31)
     shape = measured_shape(h, 3)
     assert shape.cut == 0
@@ -28,9 +28,6 @@ def test_at_the_measured_half_width_the_mask_is_the_measured_psf():
     mask = shape.masks(8.0, 9).middle.at(shape.half_width_px)
     # at most a hundredth of the light is cut, and cells are drawn with 257 samples
     assert np.abs(mask - binned(h, 3, 9)).sum() < 0.05
-
-
-def test_values_below_the_noise_are_removed():
     h = np.array([[0.0, -0.1, 0.05], [0.08, 1.0, 0.2], [0.0, 0.1, -0.02]])
     np.testing.assert_allclose(without_noise(h), [[0, 0, 0], [0, 1.0, 0.2], [0, 0, 0]])
     assert measured_shape(h, 2).cut == pytest.approx(0.12 / h.sum())

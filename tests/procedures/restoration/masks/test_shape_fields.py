@@ -31,14 +31,11 @@ def variances(mask):
     return np.array([across @ t**2 - (across @ t) ** 2, down @ t**2 - (down @ t) ** 2])
 
 
-def test_an_axially_symmetric_lens_rotates_its_shape_around_the_frame():
+def test_an_axially_symmetric_lens_rotates_its_shape_and_coma_points_outwards():
     field = symmetric([pillbox(), coma()], FRAME, (3, 3)).masks(3.0, 4)
     right, left = field.stacks[1][2].at(3.0), field.stacks[1][0].at(3.0)
     np.testing.assert_allclose(left, right[:, ::-1], atol=2e-3)  # bilinear rotation of the shape
     assert np.hypot(*centroid(field.middle.at(3.0))) < 0.02
-
-
-def test_coma_points_outwards_in_proportion_to_the_height():
     # a disc of light 1 + a x has its centroid at a w / 4; a is proportional to the height, 1 in the corner
     field = symmetric([pillbox(), coma()], FRAME, (3, 3)).masks(3.0, 4)
     corner, side = centroid(field.stacks[2][2].at(3.0)), centroid(field.stacks[1][2].at(3.0))
@@ -53,16 +50,13 @@ def test_invalid_lenses_are_refused(radial):
         symmetric(radial, FRAME)
 
 
-def test_defocus_and_motion_add_their_variances():
+def test_defocus_and_motion_are_convolved_at_each_position():
     motion, defocus = mask_stack(uniform_motion(0.4), 2.0, R=4), ShapeField(((pillbox(),),))
     (together,) = with_defocus([motion], [defocus], [0.5], [1.0])
     # half-width 0.5 w + 1, and the pixel that each mask contains
     expected = variances(motion.at(2.0)) + variances(mask_stack(pillbox(), 2.0).at(2.0))
     np.testing.assert_allclose(variances(together.at(2.0)), expected, rtol=1e-6)
     assert together.R == 4 + 3
-
-
-def test_motion_is_convolved_with_defocus_at_each_position():
     motion = MaskStack(mask_stack(uniform_motion(), 2.0, R=3).masks, 0.05)
     lens = symmetric([pillbox(), coma()], FRAME, (3, 3))
     first, second = with_defocus([motion, motion], [lens, lens], [1.0, 1.2], [0.0, 0.0])

@@ -10,24 +10,15 @@ from procedures.restoration.masks.thin_lens import CameraSetting, relation
 FIRST = CameraSetting(focal_length_mm=50.0, f_number=2.8, focus_mm=1500.0, pitch_um=6.0)
 
 
-def test_the_plane_of_focus_is_sharp():
+def test_blur_circles_and_distances_follow_the_thin_lens(rng):
     assert FIRST.blur_radius_px(1500.0) == pytest.approx(0)
-
-
-def test_blur_circles_follow_similar_triangles():
     # (4.4): r = rho (l' - zeta) / l', l' where the distance is imaged
     distance = 900.0
     imaged = 1 / (1 / 50.0 - 1 / distance)
     r_mm = FIRST.aperture_radius_mm * (imaged - FIRST.image_distance_mm) / imaged
     assert FIRST.blur_radius_px(distance) == pytest.approx(r_mm / 6e-3)
-
-
-def test_distance_and_blur_are_inverse():
     distances = np.array([600.0, 1200.0, 1500.0, 4000.0])
     np.testing.assert_allclose(FIRST.distance_mm(FIRST.blur_radius_px(distances)), distances)
-
-
-def test_a_gaussian_has_the_blur_circle_times_three_k():
     # (4.18): sigma_2 = alpha sigma_1 + k beta; a mask reaches to 3 sigma
     pairs = [[CameraSetting(50.0, 2.8, focus, 6.0, spread_of(name)) for focus in (1500.0, 1100.0)]
              for name in ("pillbox", "gaussian:0.6")]  # fmt: skip
@@ -35,9 +26,6 @@ def test_a_gaussian_has_the_blur_circle_times_three_k():
     assert (same, wider) == (pytest.approx(alpha), pytest.approx(1.8 * beta))
     with pytest.raises(BadParameter, match="k > 0"):
         spread_of("gaussian:-1")
-
-
-def test_k_of_gaussian_psfs_is_their_sigma_over_the_radius(rng):
     x = np.arange(-20, 21) / 2
     kernels = [np.exp(-(x[:, None] ** 2 + x**2) / (2 * (0.7 * r) ** 2)) for r in (1.5, 2.5, 4.0)]
     noisy = [one / one.sum() + 1e-4 * rng.standard_normal(one.shape) for one in kernels]
@@ -46,9 +34,6 @@ def test_k_of_gaussian_psfs_is_their_sigma_over_the_radius(rng):
     assert lens.k.value == pytest.approx(0.7, abs=3 * max(lens.k.uncertainty, 1e-3))
     with pytest.raises(BadParameter, match="1 pixel or more"):
         gaussian_constant(psfs, [0.5, 2.5, 4.0])
-
-
-def test_no_distance_blurs_more_than_infinity():
     assert np.isinf(FIRST.distance_mm(FIRST.blur_radius_px(np.inf) - 1))
 
 

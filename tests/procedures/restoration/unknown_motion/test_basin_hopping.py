@@ -50,15 +50,12 @@ def test_a_curve_of_the_pool_is_accepted(evidence, wrong):
     assert relative_error(best) < 0.05
 
 
-def test_a_pool_is_moved_to_another_origin(evidence, wrong):
+def test_a_pool_is_moved_and_bends_end_no_worse_than_descent(evidence, wrong):
     origin = np.array([1.0, 0.0])
     hopping = BasinHopping([[TRUE[0] + origin], [TRUE[1] + origin]], np.random.default_rng(0), NO_BENDS).about_origin(
         origin
     )
     assert relative_error(hopping.minimise(evidence, wrong, HALF)) < 0.05
-
-
-def test_bends_end_no_worse_than_descent(evidence):
     bend = np.exp(-(((np.arange(POINTS) - 8) / 2.0) ** 2))[:, None]
     start = TRUE + bend * np.array([[[1.6, -1.2]], [[-1.2, 1.6]]])
     best = BasinHopping([], np.random.default_rng(1), 4).minimise(evidence, start, HALF)

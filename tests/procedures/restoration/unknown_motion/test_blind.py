@@ -32,11 +32,9 @@ def prototypes(flat):
     return blind.prototype_shapes(flat[0], 4, rounds=16)
 
 
-def test_both_motions_are_recovered(flat, prototypes):
+def test_both_motions_their_shift_and_support_are_recovered(flat, prototypes):
     assert [likeness(a, b) > 0.95 for a, b in zip(prototypes.masks, flat[1], strict=True)] == [True, True]
 
-
-def test_their_relative_shift_is_recovered(flat, prototypes):
     # centroids may move together, not apart
     def centroid(h):
         r = len(h) // 2
@@ -45,33 +43,21 @@ def test_their_relative_shift_is_recovered(flat, prototypes):
 
     between = centroid(prototypes.masks[0]) - centroid(prototypes.masks[1])
     np.testing.assert_allclose(between, centroid(flat[1][0]) - centroid(flat[1][1]), atol=0.15)
-
-
-def test_the_support_is_estimated(flat, prototypes):
     assert blind.support(flat[0], 5) == 2
     assert 1.5 <= prototypes.half_width <= 3
-
-
-def test_shapes_stretch_back_to_the_masks(prototypes):
     again = mask(prototypes.shapes[0], prototypes.half_width, len(prototypes.masks[0]) // 2 + 1)
     # eleven samples per pixel, offset from the shape's own samples by a few hundredths of a pixel
     assert likeness(again, prototypes.masks[0]) > 0.998
 
 
-def test_true_masks_satisfy_the_cross_relation(flat):
+def test_true_masks_satisfy_the_cross_relation_and_unfit_parts_are_refused(flat):
     z, masks = flat
     M = blind.cross_relation(z, 2)
     true = np.concatenate([h.ravel() for h in masks])
     other = np.roll(true, 7)
     assert true @ M @ true < 0.02 * (other @ M @ other)
-
-
-def test_a_part_too_small_is_refused(flat):
     with pytest.raises(BadInput, match="flat part of"):
         blind.prototype_shapes(flat[0][:, :24, :24], 4)
-
-
-def test_different_parts_are_refused(flat):
     z = flat[0].copy()
     z[1] = np.random.default_rng(1).permutation(z[1].ravel()).reshape(z[1].shape)
     with pytest.raises((Refused, BadInput)):

@@ -81,14 +81,11 @@ def kernels(blur, findings):
     return found
 
 
-def test_kernels_of_irregular_paths_are_estimated(shaken, kernels):
+def test_kernels_of_irregular_paths_are_estimated_without_doubt(shaken, kernels):
     # wrong ones, even of the right size, have correlations of 0.5 to 0.8
     assert free_kernels.likeness(kernels.kernels, shaken[1]) > 0.9
     assert kernels.kernels.min() >= 0
     np.testing.assert_allclose(kernels.kernels.sum(axis=(1, 2)), 1, rtol=1e-6)
-
-
-def test_their_error_is_a_fraction_of_that_without_kernels(shaken, kernels):
     # each photograph through the other's kernel is the same picture; noise and rims remain
     z = shaken[0] / shaken[0].mean(axis=(1, 2), keepdims=True)
 
@@ -99,14 +96,11 @@ def test_their_error_is_a_fraction_of_that_without_kernels(shaken, kernels):
     none = np.zeros_like(kernels.kernels[0])
     none[len(none) // 2, len(none) // 2] = 1
     assert residual(*kernels.kernels) < 0.1 * residual(none, none)
-
-
-def test_good_kernels_are_not_doubtful(kernels):
     assert kernels.doubt is None
     assert kernels.shapes.judged(Made(kernels, Verdict.PASS)).verdict is Verdict.PASS
 
 
-def test_a_motion_beyond_the_search_range_is_doubtful_with_a_remedy(shaken):
+def test_motions_and_scenes_that_determine_no_kernels_are_refused_or_doubtful(shaken):
     kernels = kernels_of_flat_scene(shaken[0], 3, QUICK)
     assert "reaches the end of the search range of 3 pixels" in str(kernels.doubt)
     judged = kernels.shapes.judged(Made(kernels, Verdict.PASS))
@@ -116,46 +110,28 @@ def test_a_motion_beyond_the_search_range_is_doubtful_with_a_remedy(shaken):
     refused = kernels.shapes.judged(Made(None, Verdict.REFUSED, "nothing explains them", "look again"))
     assert refused.remedy == "look again"
     assert "raise --max-w" in refused.other_causes[0].remedy
-
-
-def test_photographs_of_two_scenes_are_refused(shaken):
     other = fftconvolve(leaves(np.random.default_rng(51), 120), shaken[1][1], mode="valid")
     z = np.stack([shaken[0][0][: len(other), : len(other)], other])
     with pytest.raises(Refused, match="no kernels of up to 7 pixels"):
         kernels_of_flat_scene(z, R, QUICK)
-
-
-def test_photographs_smaller_than_four_kernels_are_refused(shaken):
     with pytest.raises(BadInput, match="overlap by 113 pixels; got 112 x 112"):
         kernels_of_flat_scene(shaken[0], 28, QUICK)
 
 
-def test_photographs_of_a_few_dots_are_refused():
+def test_flat_scenes_need_contrast_and_two_photographs_without_stray_pieces(shaken):
     z = np.zeros((2, 9, 9))
     z[0, 0, :5] = z[1, 8, :5] = np.array([32, 54, 48, 32, 52]) / 255
     z[1] += 0.01
     with pytest.raises(Refused, match="no kernels explain the photographs"):
         kernels_of_flat_scene(z)
-
-
-def test_photographs_without_contrast_are_refused():
     with pytest.raises(Refused, match="no contrast"):
         kernels_of_flat_scene(np.full((2, 40, 40), 0.5), 3, QUICK)
-
-
-def test_one_photograph_is_refused(shaken):
     with pytest.raises(BadInput, match="two photographs or more"):
         kernels_of_flat_scene(shaken[0][:1], R, QUICK)
-
-
-def test_the_cropped_square_holds_all_light(shaken):
     shifted = np.roll(np.pad(shaken[1], ((0, 0), (3, 3), (3, 3))), (2, -3), (1, 2)).astype(np.float32)
     cropped = free_kernels.cropped(shifted)
     np.testing.assert_allclose(cropped.sum(axis=(1, 2)), 1, rtol=1e-6)
     assert free_kernels.likeness(cropped, shaken[1]) == pytest.approx(1, abs=1e-6)
-
-
-def test_small_isolated_pieces_are_removed():
     kernel = np.zeros((1, 9, 9), np.float32)
     kernel[0, 2:5, 2:5], kernel[0, 7, 7] = 1, 0.4
     assert free_kernels.thin(kernel, 0.02)[0, 7, 7] == 0
@@ -164,22 +140,15 @@ def test_small_isolated_pieces_are_removed():
     assert free_kernels.thin(kernel, 0.02)[0, 7, 7] > 0
 
 
-def test_true_kernels_and_picture_are_a_fixed_point(shaken):
+def test_true_kernels_are_a_fixed_point_and_more_probable_than_others(shaken):
     # with the true picture's edges the true kernels are the least-squares solution, except for noise and rims
     z = (shaken[0] / shaken[0].mean(axis=(1, 2), keepdims=True)).astype(np.float32)
     edges, true = EdgePicture(z, R), shaken[1].astype(np.float32)
     u = edges.picture(true, 1e-4)
     assert free_kernels.likeness(edges.kernels(u, true, 0.0, 40), true) > 0.97
-
-
-def test_true_kernels_are_more_probable_than_others(shaken):
-    z = (shaken[0] / shaken[0].mean(axis=(1, 2), keepdims=True)).astype(np.float32)
     right = shaken[1].astype(np.float32)
     cost = [SparseGradients(z, R).fit(one, 3, 8, 0.02).cost for one in (right, right[:, ::-1].copy())]
     assert cost[0] < cost[1]
-
-
-def test_the_periodic_extension_is_continuous(shaken):
     z = shaken[0].astype(np.float32)
     wide = periodic(z, R)
     np.testing.assert_array_equal(wide[:, :112, :112], z)

@@ -29,7 +29,7 @@ def test_a_curve_draws_the_masks_of_its_shape(points, w):
     assert np.linalg.norm(spline_mask - true) < 0.005 * np.linalg.norm(true)
 
 
-def test_derivatives_are_those_of_the_mask(points):
+def test_a_mask_of_a_curve_keeps_its_light_and_has_its_derivatives(points):
     at, step = 0.3, 1e-5
     change = np.random.default_rng(1).standard_normal(points.shape)
     instants = motion_splines.INSTANTS
@@ -41,19 +41,10 @@ def test_derivatives_are_those_of_the_mask(points):
     # of the exact integral: sums over samples d apart differ by some (d / sigma)^2 / 24 = 0.4 %
     assert np.linalg.norm(J @ change.T.ravel() - numeric[pixels]) < 0.01 * np.linalg.norm(numeric)
     assert not np.delete(numeric, pixels).any()
-
-
-def test_a_mask_keeps_all_light(points):
     assert motion_splines.spline_mask(points, 5, 0.1).sum() == pytest.approx(1, abs=1e-6)
-
-
-def test_light_outside_a_mask_is_lost(points):
     outside = points + np.array([3.0, 0.0])
     inside = (np.abs(motion_splines.basis() @ outside) < 2.5).all(axis=1).mean()
     assert motion_splines.spline_mask(outside, 2, 0.06).sum() == pytest.approx(inside, abs=0.03)
-
-
-def test_a_line_finer_than_samples_keeps_its_light(points):
     # samples nine hundredths of a pixel apart hit a line of a hundredth rarely, but with all of its light in total
     assert motion_splines.spline_mask(points, 5, 0.01).sum() == pytest.approx(1, abs=1e-6)
 

@@ -35,12 +35,9 @@ def test_another_scene_is_detected_at_any_position(count, odd):
     assert outlier_frames(photographs) == odd
 
 
-def test_two_photographs_or_two_halves_have_no_outlier():
+def test_the_search_names_the_outlier_and_two_halves_have_none():
     photographs = np.concatenate([shaken(1, 2), shaken(2, 2)])
     assert outlier_frames(photographs[1:3]) == outlier_frames(photographs) == []
-
-
-def test_the_search_names_the_outlier():
     photographs = np.concatenate([shaken(1, 2), shaken(2, 1)])
     with pytest.raises(Refused, match="photograph 3 of 3 shows another scene"):
         kernels_of_rotated_scene(photographs)

@@ -6,7 +6,7 @@ import pytest
 from procedures.restoration.unknown_motion.cross_relation import Disagreement
 from procedures.restoration.unknown_motion.mask_evidence import MaskEvidence
 from procedures.restoration.unknown_motion.motion_splines import POINTS
-from procedures.restoration.unknown_motion.path_pairs import Search
+from procedures.restoration.unknown_motion.path_pairs import Search, distinct
 
 from ..motions import BOX, FLAT_W, curves, photographs
 
@@ -48,26 +48,18 @@ def test_true_curves_leave_noise_where_depth_is_constant():
     assert 0.6 < contradiction(around(0.0), curves()) < 2
 
 
-def test_wrong_curves_are_contradicted(sloping, wrong):
+def test_wrong_curves_are_contradicted_and_descent_approaches_the_truth(sloping, wrong, flat):
     assert contradiction(sloping, wrong) > 2 * contradiction(sloping, curves())
-
-
-def test_a_frame_without_surroundings_contradicts_nothing(wrong):
     z = np.stack(photographs())[:, 0]
     nothing = Disagreement(z, (slice(None), slice(None)), FLAT_W, np.full(z.shape[1:], FLAT_W))
     assert contradiction(nothing, wrong) == 0
     assert nothing.evidence(wrong) == []
-
-
-def test_descent_approaches_the_truth(sloping, flat, wrong):
     pairs = Search(sloping, flat).descend(wrong)
     true = contradiction(sloping, curves())
     assert pairs.disagreement - true < 0.3 * (contradiction(sloping, wrong) - true)
-
-
-def test_pairs_start_with_the_least_contradicted(sloping, flat, wrong):
     search = Search(sloping, flat)
-    pairs = search.starts(curves(), [[wrong[0], curves()[0]], [curves()[1]]])
+    pools = [[wrong[0], curves()[0]], [curves()[1]]]
+    pairs = search.starts([distinct(flat, curves(), FLAT_W, k, pool) for k, pool in enumerate(pools)])
     contradictions = [pair.disagreement for pair in pairs]
     assert contradictions == sorted(contradictions)
     # where both converge to the same masks, one of them is dropped

@@ -50,15 +50,12 @@ def test_other_depths_correct_the_curves(photographs, prototypes, curves):
     assert error(motion.shapes, motion.half_width) < 0.5 * before
 
 
-def test_too_narrow_a_part_leaves_a_doubt(photographs, prototypes):
+def test_doubt_of_a_narrow_part_stands_behind_other_reasons(photographs, prototypes):
     motion = path_refinement.motion_of_scene(photographs, (0, 0, 20, 96), prototypes, 3.5, np.random.default_rng(0))
     assert motion.path is None
     outcome = motion.judged(Outcome(1.0))
     assert outcome.verdict is Verdict.DOUBTFUL
     assert "narrower" in outcome.reason
     assert "mark a larger" in outcome.remedy
-
-
-def test_other_reasons_come_first(prototypes):
     motion = path_refinement.MotionShapes(prototypes.shapes, 2.5, None, "doubt")
     assert motion.judged(Outcome(None, Verdict.REFUSED, "other", "do")).reason == "other"

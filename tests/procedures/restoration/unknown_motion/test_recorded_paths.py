@@ -38,16 +38,13 @@ def masks(flat):
     return recorded_paths.recorded_masks(flat[0], PATHS, 4)
 
 
-def test_size_and_shift_of_recorded_paths_are_estimated(flat, masks):
+def test_size_and_shift_of_recorded_paths_start_the_search(flat, masks):
     # sizes are tried at quarters of a pixel: half a step off keeps the correlation above 0.98
     assert [likeness(a, b) > 0.98 for a, b in zip(masks, flat[1], strict=True)] == [True, True]
     x = np.arange(-4, 5)
     between = [(h * x).sum() for h in masks]
     true = [(h * x).sum() for h in flat[1]]
     assert between[1] - between[0] == pytest.approx(true[1] - true[0], abs=0.15)
-
-
-def test_the_search_starts_from_the_record(flat, masks):
     blind = prototype_shapes(flat[0], 4, rounds=3, first=masks)
     assert [likeness(a, b) > 0.95 for a, b in zip(blind.masks, flat[1], strict=True)] == [True, True]
 

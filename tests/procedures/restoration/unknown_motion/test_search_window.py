@@ -35,17 +35,11 @@ def test_a_window_holds_other_depths_and_some_of_the_flat_part(z, w, pixels):
     assert min(y.stop - y.start, x.stop - x.start) >= FLAT
 
 
-def test_a_small_frame_is_used_completely(z, w):
+def test_a_window_holds_the_flat_part_and_a_small_frame_completely(z, w):
     assert search_window(z, FLAT_PART, HALF, w, 120_000) == (slice(0, 300), slice(0, 400))
-
-
-def test_in_a_flat_frame_a_window_holds_the_flat_part(z):
     window = search_window(z, FLAT_PART, HALF, np.full((300, 400), HALF), 40_000)
     y, x = within(FLAT_PART, window)
     assert min(y.stop - y.start, x.stop - x.start) >= FLAT
-
-
-def test_the_flat_part_is_in_the_window_s_pixels(z):
     window = (slice(40, 200), slice(5, 100))
     y, x = within(FLAT_PART, window)
     np.testing.assert_array_equal(z[:, :, *window][:, :, y, x], z[:, :, 40:160, 20:100])

@@ -6,33 +6,20 @@ from procedures.pattern_psf.gamma import gamma_bound
 from station.demo.reproduce import patterns
 
 
-def test_one_bright_sample_shows_the_kernel_itself():
+def test_gamma_of_patterns_follows_from_their_cells():
     # each pixel then sees one PSF sample: S C[u] is a permutation, all nine singular values are 1
     u = np.zeros((5, 5))
     u[2, 2] = 1
     assert patterns.gamma_of(u, 1, 3, (3, 3)) == pytest.approx(9.0, rel=1e-12)
-
-
-def test_brightness_divides_gamma_by_its_square():
-    u = np.zeros((5, 5))
     u[2, 2] = 0.5
     assert patterns.gamma_of(u, 1, 3, (3, 3)) == pytest.approx(36.0, rel=1e-12)
-
-
-def test_plain_paper_determines_nothing_but_the_sum():
     u = np.ones((20, 20))
     sigma = patterns.singular_values(u, 2, 3, (8, 8))
     assert sigma[0] == pytest.approx(np.sqrt(64 * 9), rel=1e-12)  # rank one: sqrt(M N)
     assert sigma[1:].max() < 1e-12 * sigma[0]
     assert patterns.gamma(sigma) > 1e20
-
-
-def test_gamma_adds_inverse_squares_and_is_infinite_without_information():
     assert patterns.gamma(np.array([2.0, 0.5])) == pytest.approx(0.25 + 4)
     assert patterns.gamma(np.array([1.0, 0.0])) == np.inf
-
-
-def test_noise_cells_have_the_covariance_of_their_low_pass():
     # samples of Bernoulli cells: mean 1/2, covariance 1/4 a(i) a(j), a the autocorrelation of a cell through the band
     r, window = 7, (70, 70)
     a = np.array([quad(lambda f, i=i: np.sinc(f) ** 2 * np.cos(2 * np.pi * f * i), -0.5, 0.5)[0] for i in range(r)])
@@ -43,9 +30,6 @@ def test_noise_cells_have_the_covariance_of_their_low_pass():
     u = patterns.bernoulli(patterns.side(window, 4, r), 1.0, np.random.default_rng(1))
     # over ten seeds the values scatter by 0.8 %, and lie 1 % around this, as rows share samples
     assert patterns.gamma_of(u, 4, r, window) == pytest.approx(analytic, rel=0.05)
-
-
-def test_cells_are_kept_bright_far_from_their_edges():
     u = patterns.of_cells(np.ones((40, 40)), 2.0, 9)
     assert u == pytest.approx(np.ones((9, 9)), abs=0.02)  # ringing of the band's edge, 20 cells away
 
@@ -77,8 +61,5 @@ def test_the_solved_bound_is_the_least_on_its_curve():
     curve = (1 / t**2 + (N - 1) ** 2 / (t * (1 - t))) / (M * N)
     assert patterns.gamma_bound_solved(M, N) == pytest.approx(curve.min(), rel=1e-9)
     assert gamma_bound(M, N) < patterns.gamma_bound_solved(M, N) < patterns.gamma_expected(M, N)
-
-
-def test_a_window_larger_than_the_picture_is_refused():
     with pytest.raises(ValueError, match=r"needs 41 samples; got \(20, 20\)"):
         patterns.system(np.ones((20, 20)), 4, 5, (10, 10))

@@ -12,15 +12,12 @@ def samples(rng, monkeypatch):
     return pixels, rng.gamma(1.0, 1.5, (pixels.size, 3))  # some beyond the range of the nodes
 
 
-def test_separate_histograms_are_those_of_a_film(samples):
+def test_histograms_have_the_margins_of_a_film(samples):
     pixels, colours = samples
     film = Film.blank(*rivals.SIZE)
     film.add(*np.divmod(pixels, rivals.SIZE[1]), colours)
     votes = rivals.histograms(pixels, colours, BINS, joint=False)
     assert votes == pytest.approx(film.histogram.reshape(votes.shape), abs=1e-5)
-
-
-def test_a_joint_histogram_has_the_separate_ones_as_margins(samples):
     joint = rivals.histograms(*samples, 4, joint=True).reshape(*rivals.SIZE, 4, 4, 4)
     separate = rivals.histograms(*samples, 4, joint=False).reshape(*rivals.SIZE, 3, 4)
     for colour, others in enumerate(((3, 4), (2, 4), (2, 3))):
@@ -34,15 +31,12 @@ def film_of(rng, mean):
     return film
 
 
-def test_nl_means_removes_the_noise_of_a_plain_picture_and_keeps_an_edge(rng):
+def test_rival_filters_remove_noise_and_keep_an_edge(rng):
     truth = np.where(np.arange(16) < 8, 0.2, 0.8) * np.ones((16, 1))
     film = film_of(rng, truth)
     error = rivals.nl_means(film) - truth[..., None]
     # about half of 169 neighbours are alike: noise falls several times, and the edge does not spread
     assert error.std() < 0.4 * (film.mean - truth[..., None]).std()
-
-
-def test_an_oracle_is_not_worse_than_the_noisy_picture(rng):
     truth = np.full((16, 16, 3), 0.5)
     film = film_of(rng, truth[..., 0])
     for by_means in (True, False):
