@@ -12,8 +12,7 @@ import numpy.typing as npt
 
 from procedures.numerics.arrays import Array, Array32, distinct, quantile
 
-NOMINAL = 0.998
-"""Level from which samples count as saturated; white is 1, and gain corrections shift it by a few steps."""
+NOMINAL = 0.998  # level from which samples count as saturated; white is 1, and gain corrections shift it by a few steps
 MAX_OUTLIERS = 0.0005  # share of the samples, hot pixels and dust, that may lie beyond the peak
 MIN_PEAK_SHARE = 0.005  # least share of the samples in a peak
 MIN_PEAK_SAMPLES = 6
