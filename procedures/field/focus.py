@@ -117,23 +117,19 @@ def best_focus(bracket: Bracket, shape: tuple[int, int], *, frequency: float = F
         sagittal, meridional = (_optimum(series, angle, frequency) for angle in (radius + np.pi / 2, radius))
         if sagittal is not None and meridional is not None:
             optima = sagittal, meridional
-            places.append(PlaceFocus(np.array([x, y]), optima, _covariance(series, optima)))
+            # covariance of optima at one place by the noise of their common PSFs
+            total = np.zeros((len(optima), len(optima)))
+            for z, node in series:
+                noise = node.psf.parameter_covariance
+                J = np.stack([optimum.gradients.get(z, np.zeros(len(noise))) for optimum in optima])
+                total += J @ noise @ J.T
+            places.append(PlaceFocus(np.array([x, y]), optima, total))
     if len(places) < FEWEST_PLACES:
         raise Refused(
             f"best focus lies within the bracket at {len(places)} places; {FEWEST_PLACES} are needed",
             "extend the bracket on both sides, and photograph more charts",
         )
     return places
-
-
-def _covariance(series: FocusSeries, optima: Sequence[FocusOptimum]) -> Array:
-    """Covariance of optima at one place by the noise of their common PSFs."""
-    total = np.zeros((len(optima), len(optima)))
-    for z, node in series:
-        noise = node.psf.parameter_covariance
-        J = np.stack([optimum.gradients.get(z, np.zeros(len(noise))) for optimum in optima])
-        total += J @ noise @ J.T
-    return total
 
 
 def _series(bracket: Bracket, shape: tuple[int, int]) -> list[FocusSeries]:

@@ -32,8 +32,7 @@ from procedures.outcome import Refused
 CONVERGENCE_TOLERANCE = 1e-3
 """Decrease of chi-square, relative to its mean per coordinate, at convergence: 1/30 of a standard uncertainty."""
 LEAST_EIGENVALUE = 1e-15  # eigenvalue of the scaled system below which rounding dominates
-POSE = 6
-"""Parameters of a change of pose: rotation (3) about the camera's axes in radians, then translation (3) in mm."""
+POSE = 6  # parameters of a change of pose: rotation (3) about the camera's axes in radians, then translation (3) in mm
 
 
 @dataclass(frozen=True, eq=False)

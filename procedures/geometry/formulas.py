@@ -20,8 +20,7 @@ from procedures.geometry.model_doubt import missing_terms
 from procedures.numerics.arrays import Array
 
 GRID = (15, 11)
-UNMODELLED_PX = 1e-3
-"""Standard deviation of differences that neither the reference's errors nor missing terms explain."""
+UNMODELLED_PX = 1e-3  # standard deviation of differences that neither the reference's errors nor missing terms explain
 ALMOST_ALL = 0.99  # share of the covered frame, up to which a formula describes all of it
 
 

@@ -35,8 +35,7 @@ from procedures.pattern_print.source import Source
 Box = tuple[float, float, float, float]
 SMALLEST_CELL_MM = 0.1  # least width of a cell, so that an office printer's dots are small in comparison
 SMALLEST_WIDTH_MM = SMALLEST_CELL_MM * BLOCK * BLOCKS
-LARGEST_WIDTH_MM = 3600.0
-"""Greatest width of a chart; with margin and caption just below the 5080 mm of a PDF page."""
+LARGEST_WIDTH_MM = 3600.0  # greatest width of a chart; with margin and caption just below the 5080 mm of a PDF page
 QUIET_BLOCKS = 1  # width of the white margin around the chart, in blocks
 EDGE_MM = 5.0  # unprinted margin of the paper: laser printers do not reach the outer 4.2 mm, inkjets 3 to 5 mm
 LARGEST_TYPE = 6.0  # greatest scale of the caption, which grows with the sheet
