@@ -88,21 +88,15 @@ def _meetings(labels: Labels, surface: Array) -> dict[tuple[int, int], Array]:
 def extrapolate(w: Array, known: Array, sigma: float, scarce: float = 0.03) -> Array:
     """w extrapolated by the plane that fits the known depths in a Gaussian window, enlarged where nearly nothing is
     known: less than `scarce` makes a plane unreliable."""
-    plane = fit_planes(w, known, sigma)
-    value, mass = plane.value, plane.mass
+    value, mass = fit_planes(w, known, sigma)
     if mass.min() > scarce or min(w.shape) < 4 * sigma:
-        return np.asarray(value)
-    wider = _halved(w, known, sigma, scarce)
-    return np.asarray(wider + mass / (mass + scarce) * (value - wider))
-
-
-def _halved(w: Array, known: Array, sigma: float, scarce: float) -> Array:
-    """`extrapolate` on a picture of half the size, in which the window is twice as wide."""
-    half = (w.shape[1] // 2, w.shape[0] // 2)
+        return value
+    half = (w.shape[1] // 2, w.shape[0] // 2)  # in half the size, the window is twice as wide
     k = cv2.resize(known, half, interpolation=cv2.INTER_AREA)
     v = cv2.resize(known * w, half, interpolation=cv2.INTER_AREA) / np.maximum(k, 1e-12)
     small = extrapolate(np.asarray(v, w.dtype), np.asarray(k, w.dtype), sigma, scarce)
-    return np.asarray(cv2.resize(small, w.shape[::-1], interpolation=cv2.INTER_LINEAR), dtype=w.dtype)
+    wider = np.asarray(cv2.resize(small, w.shape[::-1], interpolation=cv2.INTER_LINEAR), dtype=w.dtype)
+    return np.asarray(wider + mass / (mass + scarce) * (value - wider))
 
 
 def remove_blemishes(w: Array, labels: Labels, doubt: int) -> Array:
@@ -180,20 +174,9 @@ TRUNCATE = 3.5
 """Extent of the windows in sigma, where a Gaussian has 0.2 % of its height."""
 
 
-@dataclass(frozen=True)
-class Planes:
-    """The plane about every pixel (H, W): its value, slopes down and across per pixel, and the known mass in its
-    window."""
-
-    value: Array
-    down: Array
-    across: Array
-    mass: Array
-
-
-def fit_planes(w: Array, known: Array, sigma: float) -> Planes:
-    """Least-squares planes of w (H, W) in a Gaussian window, weighted by `known`; regularised, so that far from depths
-    a plane is a mean."""
+def fit_planes(w: Array, known: Array, sigma: float) -> tuple[Array, Array]:
+    """Values of least-squares planes of w (H, W) in a Gaussian window about every pixel, weighted by `known`, and the
+    known mass in it; regularised, so that far from depths a plane is a mean."""
 
     def mean(a: Array) -> Array:
         return gaussian(a, sigma, TRUNCATE)
@@ -208,4 +191,4 @@ def fit_planes(w: Array, known: Array, sigma: float) -> Planes:
     xw, yw = mean(known * x * w) / m - mx * mw, mean(known * y * w) / m - my * mw
     det = xx * yy - xy**2
     across, down = (yy * xw - xy * yw) / det, (xx * yw - xy * xw) / det
-    return Planes(mw + across * (x - mx) + down * (y - my), down, across, mass)
+    return np.asarray(mw + across * (x - mx) + down * (y - my)), mass

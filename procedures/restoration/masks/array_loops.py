@@ -132,21 +132,21 @@ def _add_bending(out: Array, x: Array, weight: Any, down: Array, across: Array) 
         above, row, below, upper, lower = x[i - 1], x[i], x[i + 1], down[i - 1], down[i]
         for j in range(width):
             e[j] = weight * min(upper[j], lower[j]) * (above[j] - two * row[j] + below[j])
-        for k, factor in ((i - 1, x.dtype.type(1)), (i, -two), (i + 1, x.dtype.type(1))):
-            to = out[k]
-            for j in range(width):
-                to[j] += factor * e[j]
+        over, to, under = out[i - 1], out[i], out[i + 1]
+        for j in range(width):
+            over[j] += e[j]
+            to[j] -= two * e[j]
+            under[j] += e[j]
     for i in range(height - 1):
         row, below, upper, left, lower = x[i], x[i + 1], down[i], across[i], across[i + 1]
         for j in range(width - 1):
             g = min(min(upper[j], upper[j + 1]), min(left[j], lower[j]))
             e[j] = two * weight * g * (row[j] - row[j + 1] - below[j] + below[j + 1])
-        for k, sign in ((i, x.dtype.type(1)), (i + 1, x.dtype.type(-1))):
-            to = out[k]
+        e[width - 1] = 0
+        for to, sign in ((out[i], x.dtype.type(1)), (out[i + 1], x.dtype.type(-1))):
             to[0] += sign * e[0]
-            for j in range(1, width - 1):
+            for j in range(1, width):
                 to[j] += sign * (e[j] - e[j - 1])
-            to[width - 1] -= sign * e[width - 2]
 
 
 @jitted(fastmath=True, nogil=True)

@@ -7,7 +7,6 @@ Sroubek and Milanfar 2012). The masks contain the shift between the photographs.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from itertools import count
 
 import numpy as np
@@ -167,14 +166,8 @@ def _picture(parts: Array, masks: Array, u: Array, weight: float) -> Array:
     for _ in range(2):
         diffusion = total_variation(u[None], 0.01)
         gradient = adjoint(parts - forward(u)) - weight * diffuse(u, *diffusion)
-        apply = partial(_normal, lambda x: adjoint(forward(x)), weight, diffusion)
-        u = u + conjugate_gradients(apply, gradient, 20)
+        u = u + conjugate_gradients(lambda x: adjoint(forward(x)) + weight * diffuse(x, *diffusion), gradient, 20)  # noqa: B023
     return u
-
-
-def _normal(blurred_twice: Callable[[Array], Array], weight: float, diffusion: tuple[Array, Array], x: Array) -> Array:
-    """Left side of the normal equations: blur and its adjoint, and the picture's prior."""
-    return blurred_twice(x) + weight * diffuse(x, *diffusion)
 
 
 def _masks(parts: Array, u: Array, relation: Array, R: int) -> Array:
