@@ -59,6 +59,7 @@ def check_inherited(group: click.Context, name: str, command: click.Command) -> 
 
 
 def _given(context: click.Context | None) -> Iterator[tuple[click.Parameter, Any]]:
+    """The options given to a group and its parents, nearest first, without eager ones (--quiet)."""
     while context is not None:
         for option in context.command.params:
             if option.expose_value and context.get_parameter_source(str(option.name)) in EXPLICIT:
