@@ -60,7 +60,7 @@ def numbers_of(path):
     """The numbers of a file, of a mosaic or a grey picture."""
     from station.service.alpaca.protocol import sensor_image
 
-    return sensor_image(list(read_frame(path).planes.values())).levels
+    return sensor_image(list(read_frame(path).planes.values()))
 
 
 def test_it_says_who_it_is_and_switches_the_automatic_settings_off(make):
