@@ -208,7 +208,20 @@ class DngFolder:
         """Write the frame and read it back. Raises FrameWrong if it differs from the request, LineLost."""
         self.check()
         settings = CameraSettings(frame.exposure_s, None, self.optics.f_number)
-        return self._record(self._write(frame, body), wanted, settings, requested_s, shutter)
+        optics, path = self.optics, self._next()
+        shot = Shot(
+            frame.exposure_s, optics.f_number, None, optics.focal_length_mm, optics.pixel_pitch_um,
+            captured_at=datetime.now(), make=body.make, model=body.model, serial=body.serial,
+            lens=optics.lens, lens_serial="", comment=frame.comment,
+        )  # fmt: skip
+        part = path.with_suffix(".part")
+        mosaic = np.ascontiguousarray(frame.mosaic, dtype=np.uint16)
+        try:
+            write_dng(part, mosaic, shot, cfa=frame.cfa, black=(optics.black,) * 4, white=frame.white)
+            part.rename(path)
+        except OSError as error:
+            raise _unwritable(path, error) from error
+        return self._record(path, wanted, settings, requested_s, shutter)
 
     def adopt(self, file: Path, wanted: CameraSettings, requested_s: float) -> ExposedFile:
         """Give a DNG of the camera the next name in the numbering, and read it. Raises FrameWrong, LineLost."""
@@ -233,22 +246,6 @@ class DngFolder:
         settings = settings or CameraSettings(facts.exposure_s, facts.iso, facts.f_number)
         size, received_s = path.stat().st_size, self._clock.now_s()
         return ExposedFile(path, sha256_of(path), size, settings, requested_s, received_s, shutter)
-
-    def _write(self, frame: Frame, body: Body) -> Path:
-        optics, path = self.optics, self._next()
-        shot = Shot(
-            frame.exposure_s, optics.f_number, None, optics.focal_length_mm, optics.pixel_pitch_um,
-            captured_at=datetime.now(), make=body.make, model=body.model, serial=body.serial,
-            lens=optics.lens, lens_serial="", comment=frame.comment,
-        )  # fmt: skip
-        part = path.with_suffix(".part")
-        mosaic = np.ascontiguousarray(frame.mosaic, dtype=np.uint16)
-        try:
-            write_dng(part, mosaic, shot, cfa=frame.cfa, black=(optics.black,) * 4, white=frame.white)
-            part.rename(path)
-        except OSError as error:
-            raise _unwritable(path, error) from error
-        return path
 
 
 def _unwritable(path: Path, error: OSError) -> LineLost:

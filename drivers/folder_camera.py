@@ -19,7 +19,7 @@ from drivers.frames import (
     sensor_format,
     sha256_of,
 )
-from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity, Shutter, ShutterTimes
+from drivers.interfaces import CameraSettings, Condition, ExposedFile, FrameFormat, Identity, Shutter
 from drivers.making import DriverOptions, MakerContext
 from drivers.options import SHUTTER, FolderName, PollInterval, Seconds, device, positive
 
@@ -124,7 +124,10 @@ class FolderCamera:
             self._strays += 1
             self._stray_until_s = self.clock.now_s() + exposure_s + self.tether.patience_s
             raise
-        exposure = self._record(path, digest, requested_s, shutter)
+        companions = tuple(sorted(p for p in self._folder.glob(path.stem + ".*") if p != path and not is_raw(p)))
+        received_s = self.clock.now_s()
+        size = path.stat().st_size
+        exposure = ExposedFile(path, digest, size, self.settings, requested_s, received_s, shutter, companions)
         check_settings(path, facts, self.settings)
         return exposure
 
@@ -133,12 +136,6 @@ class FolderCamera:
         self.clock.sleep(self.tether.poll_s)
         if self._stopped is not None:
             raise self._stopped
-
-    def _record(self, path: Path, digest: str, requested_s: float, shutter: ShutterTimes) -> ExposedFile:
-        companions = tuple(sorted(p for p in self._folder.glob(path.stem + ".*") if p != path and not is_raw(p)))
-        received_s = self.clock.now_s()
-        size = path.stat().st_size
-        return ExposedFile(path, digest, size, self.settings, requested_s, received_s, shutter, companions)
 
     def _look(self) -> dict[Path, Stamp]:
         """Every RAW file with its size and time; a file that vanishes meanwhile was renamed."""

@@ -31,8 +31,7 @@ TIME_ACCELERATION_GYRO = 0x0007
 SETTLE_S = 0.02  # the module needs this between two register writes
 REPLY_S = 1.0
 ROUND_TRIPS = 5
-LEAST_SPAN_S = 10.0
-"""Time between two blocks from which on they determine the drift better than the bound of a crystal."""
+LEAST_SPAN_S = 10.0  # time between two blocks from which on they determine the drift better than the bound of a crystal
 MOST_BOX_HZ = 200
 FILTER_S = 0.002  # bound of the delay in the filters of the unit on a box
 

@@ -12,8 +12,7 @@ import numpy.typing as npt
 
 from procedures.numerics.arrays import Array, Array32, distinct, quantile
 
-NOMINAL = 0.998
-"""Level from which samples count as saturated; white is 1, and gain corrections shift it by a few steps."""
+NOMINAL = 0.998  # level from which samples count as saturated; white is 1, and gain corrections shift it by a few steps
 MAX_OUTLIERS = 0.0005  # share of the samples, hot pixels and dust, that may lie beyond the peak
 MIN_PEAK_SHARE = 0.005  # least share of the samples in a peak
 MIN_PEAK_SAMPLES = 6
@@ -127,13 +126,9 @@ class SensorModel:
         """Temporal and spatial variance of a picture's linearised samples at the mean `straight`. Photon noise and PRNU
         enter before the nonlinearity, dark noise and DSNU after it."""
         light = np.maximum(straight, 0)
-        return np.asarray(
-            (self.dark_variance + self.dsnu**2) / self._slope(light) ** 2 + self.gain * light + (self.prnu * light) ** 2
-        )
-
-    def _slope(self, straight: Array) -> Array:
-        x = straight / self.signal_at_saturation
-        return np.asarray(1 + sum(((i + 2) * c * x ** (i + 1) for i, c in enumerate(self.bend)), np.zeros_like(x)))
+        x = light / self.signal_at_saturation
+        slope = np.asarray(1 + sum(((i + 2) * c * x ** (i + 1) for i, c in enumerate(self.bend)), np.zeros_like(x)))
+        return np.asarray((self.dark_variance + self.dsnu**2) / slope**2 + self.gain * light + (self.prnu * light) ** 2)
 
     def bent(self, straight: Array) -> Array:
         """Signal of the sensor for a linearised signal: the inverse of `linearised`."""

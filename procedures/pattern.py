@@ -54,8 +54,7 @@ EDGES: Array = np.array([[[320, 0], [345, 256]], [[0, 320], [256, 345]]], dtype=
 They are slanted by atan(25 / 256) = 5.6 degrees in opposite directions: a roll that aligns one with an axis does not
 align the other.
 """
-EDGE_END = 370
-"""Outer limit of the black areas behind the edges, in x or y; the white areas are more than a block wide."""
+EDGE_END = 370  # outer limit of the black areas behind the edges, in x or y; the white areas are more than a block wide
 
 
 def edge_areas() -> Array:

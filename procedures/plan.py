@@ -435,8 +435,7 @@ def axes_of(facts: Facts) -> dict[str, AxisTravel]:
     return {name: AxisTravel(*(_number_or_none(facts, start + name) for start in prefixes)) for name in names}
 
 
-RING = (-2.0, -1.0, 0.0, 1.0, 2.0)
-"""Small turns of the focus ring about the initial focus; positive towards infinity."""
+RING = (-2.0, -1.0, 0.0, 1.0, 2.0)  # small turns of the focus ring about the initial focus; positive towards infinity
 
 
 def ring_places(facts: Facts) -> Sequence[float]:

@@ -309,8 +309,7 @@ def tail_energy_uncertainty(psf: Psf) -> float:
 
 
 def _excess_factor(psf: Psf) -> float:
-    """Rms ratio of the amplitudes after the mean tail's to those expected, at least 1; one large amplitude counts less
-    1."""
+    """Rms ratio of the amplitudes after the mean tail's to those expected, at least 1; a large one counts 1 less."""
     first, *others = psf.tail.amplitudes.tolist() or [0.0]
     ratios = np.abs(others) / (DIFFERS[: len(others)] * max(abs(first), LEAST_TAIL))
     return max(1.0, float(np.sqrt(np.mean(ratios**2))), float(ratios.max()) - 1) if others else 1.0

@@ -81,13 +81,10 @@ class PsfField:
 
     The vector of a PSF is its `parameters`: k^2 samples and q amplitudes of the tail, p = k^2 + q numbers.
 
-    plane : str
     shape : (int, int) rows and columns of the plane
-    nodes : tuple of Node
     share : (N,) float64, weights m of the nodes in the mean, of sum 1
     components : (r, p) float64, analysis : (r, p) float64, A^T and B
     origin : (r,) float64, coefficients o about which the model predicts
-    model : CoefficientModel
     lack : (r, r) float64, covariance of the model error of the coefficients
     lack_rest : (p, p) float64, covariance of the variation outside the components
     """

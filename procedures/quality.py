@@ -123,9 +123,7 @@ CUTOFFS = (1e-3, 1e3)  # plausible range of the diffraction cutoff, in cycles/pi
 class Diffraction:
     """Diffraction limit of a plane.
 
-    f_number : float
     pixel_pitch_um : float, pitch of the *plane's* pixels (twice the sensor's for a Bayer plane), in micrometres
-    wavelength_nm : float
     told_by : str, source of the f-number: `CAMERA`, or `OPERATOR` where the camera recorded none or another
     """
 
@@ -187,7 +185,6 @@ def assess(
 ) -> Quality:  # fmt: skip
     """Compute the curves and numbers of a PSF.
 
-    psf : Psf
     n : int, number of samples from which the PSF was estimated, for the record
     diffraction : Diffraction, diffraction limit; with it the Strehl ratio is reported too
     at : sequence of float

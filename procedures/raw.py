@@ -174,7 +174,17 @@ def _decoded(
 ) -> tuple[dict[str, Plane], Exposure]:
     with decoding(str(path), "a photograph", _COPY):
         if layout:
-            return _read_dump(layout, path, BytesIO(data), names)
+            places = layout.first_pixels()
+            _check_names(names, tuple(places), path)
+            levels = layout.read(data, str(path))
+            black, white = np.array(layout.black, np.float32), float(layout.white)
+            if GREY_PLANE in places:
+                return {GREY_PLANE: _scaled_plane(GREY_PLANE, levels, black, white)}, Exposure()
+            return {
+                name: _scaled_plane(name, levels[row::2, column::2], black, white, (column, row))
+                for name, (row, column) in places.items()
+                if names is None or name in names
+            }, Exposure()
         read = _read_grey if _kind(path, BytesIO(data)) in _GREY_READERS else _read_mosaic
         return read(path, BytesIO(data), names)
 
@@ -242,22 +252,6 @@ def _read_grey(path: Path, file: BytesIO, names: Sequence[str] | None) -> tuple[
     # a PGM has no metadata
     exposure = Exposure(sources={}) if kind == "pgm" else read_exposure(file)
     return {GREY_PLANE: _scaled_plane(GREY_PLANE, levels, np.zeros((), np.float32), float(white), raw=False)}, exposure
-
-
-def _read_dump(
-    layout: DumpLayout, path: Path, file: BytesIO, names: Sequence[str] | None
-) -> tuple[dict[str, Plane], Exposure]:
-    places = layout.first_pixels()
-    _check_names(names, tuple(places), path)
-    levels = layout.read(file.getvalue(), str(path))
-    black, white = np.array(layout.black, np.float32), float(layout.white)
-    if GREY_PLANE in places:
-        return {GREY_PLANE: _scaled_plane(GREY_PLANE, levels, black, white)}, Exposure()
-    return {
-        name: _scaled_plane(name, levels[row::2, column::2], black, white, (column, row))
-        for name, (row, column) in places.items()
-        if names is None or name in names
-    }, Exposure()
 
 
 # --- mosaics ---

@@ -13,8 +13,7 @@ from procedures.numerics.kernel_tail import tail_border, tail_kernels, tail_spec
 from procedures.psf import Psf
 from procedures.spatial_numbers import DrawnNumber
 
-Otf = Callable[[Array, Array], Complex]
-"""A transfer function at frequencies (fx, fy) in cycles per pixel of the plane."""
+Otf = Callable[[Array, Array], Complex]  # a transfer function at frequencies (fx, fy) in cycles per pixel of the plane
 
 NYQUIST = 0.5  # cycles per pixel
 CHUNK = 16  # number of frequencies by which a curve is extended until it crosses a level

@@ -96,13 +96,7 @@ class AlpacaCamera(LineDevice[AlpacaLink], FrameCamera):
             raise not_connected(self.address)
         requested_s, duration_s = self.clock.now_s(), float(self.settings.exposure_s or 0.0)
         self._link.put("startexposure", Duration=duration_s, Light=True)
-        self._wait(duration_s)
-        levels = self._link.image(self._wanted.patience_s)
-        self._one_frame.check()
-        return self._frames.keep(self._frame(levels, duration_s), self._body, self.settings, requested_s)
-
-    def _wait(self, duration_s: float) -> None:
-        """Wait until the image is ready; abort the exposure if anything interrupts the wait."""
+        # wait until the image is ready; abort the exposure if anything interrupts the wait
         deadline_s = self.clock.now_s() + duration_s + self._wanted.patience_s
         idle = 0
         try:
@@ -119,6 +113,9 @@ class AlpacaCamera(LineDevice[AlpacaLink], FrameCamera):
             self._link.preempt("abortexposure")
             self._one_frame.check()
             raise
+        levels = self._link.image(self._wanted.patience_s)
+        self._one_frame.check()
+        return self._frames.keep(self._frame(levels, duration_s), self._body, self.settings, requested_s)
 
     def _ready(self) -> bool:
         try:

@@ -186,15 +186,13 @@ class MicroManagerCamera(CoreDevice, FrameCamera):
     def _prepare(self, core: Any) -> None:
         self._frames.check()
         if self._gain is not None:
-            self._set_gain(core, self._gain)
-
-    def _set_gain(self, core: Any, gain: float) -> None:
-        remedy = "write a gain that its property Gain takes, or remove it"
-        with translated_errors(self.address, remedy):
-            core.setProperty(self._label, "Gain", f"{gain:g}")
-            there = float(core.getProperty(self._label, "Gain"))
-        if abs(there - gain) > GAIN_ROUNDING * abs(gain):
-            raise Rejected(f"{self.address} is set to a gain of {there:g} instead of {gain:g}", remedy)
+            gain = self._gain
+            remedy = "write a gain that its property Gain takes, or remove it"
+            with translated_errors(self.address, remedy):
+                core.setProperty(self._label, "Gain", f"{gain:g}")
+                there = float(core.getProperty(self._label, "Gain"))
+            if abs(there - gain) > GAIN_ROUNDING * abs(gain):
+                raise Rejected(f"{self.address} is set to a gain of {there:g} instead of {gain:g}", remedy)
 
     def sensor(self) -> FrameFormat:
         """The current camera's region of interest. Raises DeviceError."""

@@ -40,27 +40,19 @@ class FrameSplitter:
     """
 
     def __init__(self, starts: bytes, measure: Callable[[bytes], int], longest: int = 64) -> None:
-        self._starts = starts
-        self._measure = measure
-        self._longest = longest
+        self._starts, self._measure, self._longest = starts, measure, longest
         self._rest = b""
-        self.skipped = 0
 
     def feed(self, data: bytes) -> list[bytes]:
-        """The frames completed by these bytes; skipped bytes are counted."""
+        """The frames completed by these bytes."""
         buffer, at, frames = self._rest + data, 0, []
         while at < len(buffer):
-            if buffer[at] not in self._starts:
-                at, self.skipped = at + 1, self.skipped + 1
-                continue
-            length = self._measure(buffer[at : at + self._longest])
+            length = self._measure(buffer[at : at + self._longest]) if buffer[at] in self._starts else BAD
             if length == MORE:
                 break
-            if length == BAD:
-                at, self.skipped = at + 1, self.skipped + 1
-                continue
-            frames.append(buffer[at : at + length])
-            at += length
+            if length != BAD:
+                frames.append(buffer[at : at + length])
+            at += 1 if length == BAD else length
         self._rest = buffer[at:]
         return frames
 

@@ -30,8 +30,7 @@ PAUSES: dict[tuple[str, int], tuple[str, str]] = {
 }
 """Pauses by a person at the machine, by state and sub-state."""
 RESUMABLE = (("Door", 0), ("Hold", 0))
-DOOR_MESSAGE = "Check Door"
-"""The message of an opened door; grblHAL's reports show a jog paused by it as still running."""
+DOOR_MESSAGE = "Check Door"  # the message of an opened door; grblHAL's reports show a jog paused by it as still running
 MOTORS_HELD = 255.0  # `$1`: milliseconds after which motors at rest are released; this value keeps them on
 
 

@@ -19,8 +19,7 @@ from drivers.wire.connection import WRITE_S, OutOfStep, anything
 
 REPLY_S, STEP_S = 0.3, 0.15
 VERSION, VERSION_BINARY = 136, 1
-PAD = b"\0"
-"""Sent between datagrams to shift the module's framing: no command is 0, and no module has that address."""
+PAD = b"\0"  # sent between datagrams to shift the module's framing: no command is 0, and no module has that address
 REMEDIES = {
     2: "check the module's firmware",
     3: "check the number of the motor, and the module's firmware",

@@ -111,8 +111,7 @@ URGENT_S = 0.03  # how long bytes that end a motion wait for a port before the d
 STOP_TRIES = 6
 """How often a stop is offered to a port that takes no bytes, each time for `WRITE_S`: what moves goes on meanwhile."""
 HELD_UP_S = 0.005  # how long a stop waits for an order that is being written to a port without a descriptor
-GONE = (OSError, ValueError, TypeError, AttributeError)
-"""Exceptions of ports that were unplugged or closed meanwhile."""
+GONE = (OSError, ValueError, TypeError, AttributeError)  # exceptions of ports that were unplugged or closed meanwhile
 
 
 class Outgoing:

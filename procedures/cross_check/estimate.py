@@ -25,8 +25,7 @@ if TYPE_CHECKING:
 MARGIN_PX = 2.5  # margin in pixels excluded next to other printed areas, for the PSF's width
 MIN_CONTRAST = 0.4
 """Least contrast of an edge over the chart's; a fainter step belongs to the background of a chart without edges."""
-TAIL_SHAPE_UNCERTAINTY = 0.06
-"""Relative uncertainty of the tail in addition to noise, since no tail is exactly 1 / r^3."""
+TAIL_SHAPE_UNCERTAINTY = 0.06  # relative uncertainty of the tail in addition to noise, since no tail is exactly 1 / r^3
 TAIL_INCREASE = 0.1  # relative increase of the tail for the numerical derivative by it
 WIDEST_BLOCKS = 1.8  # greatest width of the plains
 MAX_OFFSET_CELLS, MAX_OFFSET_PX = 3.0, 3.0
@@ -156,8 +155,7 @@ def _shows_edge(strip: Strip, line: EdgeLine, psf_estimate: PatternPsf) -> bool:
 # The slanted-edge method assumes an edge between two unbounded plains. On the chart the frame is close, and the black
 # area ends: a few thousandths of the contrast, which would be mistaken for the edge's own tail.
 
-AROUND_PX = 64
-"""Width of the surroundings included around a strip: the tail's light from beyond is uniform over it."""
+AROUND_PX = 64  # width of the surroundings included around a strip: the tail's light from beyond is uniform over it
 
 
 def without_surroundings(samples: Array32, strip: Strip, course: Array, density_px: float) -> Array:

@@ -117,23 +117,19 @@ def best_focus(bracket: Bracket, shape: tuple[int, int], *, frequency: float = F
         sagittal, meridional = (_optimum(series, angle, frequency) for angle in (radius + np.pi / 2, radius))
         if sagittal is not None and meridional is not None:
             optima = sagittal, meridional
-            places.append(PlaceFocus(np.array([x, y]), optima, _covariance(series, optima)))
+            # covariance of optima at one place by the noise of their common PSFs
+            total = np.zeros((len(optima), len(optima)))
+            for z, node in series:
+                noise = node.psf.parameter_covariance
+                J = np.stack([optimum.gradients.get(z, np.zeros(len(noise))) for optimum in optima])
+                total += J @ noise @ J.T
+            places.append(PlaceFocus(np.array([x, y]), optima, total))
     if len(places) < FEWEST_PLACES:
         raise Refused(
             f"best focus lies within the bracket at {len(places)} places; {FEWEST_PLACES} are needed",
             "extend the bracket on both sides, and photograph more charts",
         )
     return places
-
-
-def _covariance(series: FocusSeries, optima: Sequence[FocusOptimum]) -> Array:
-    """Covariance of optima at one place by the noise of their common PSFs."""
-    total = np.zeros((len(optima), len(optima)))
-    for z, node in series:
-        noise = node.psf.parameter_covariance
-        J = np.stack([optimum.gradients.get(z, np.zeros(len(noise))) for optimum in optima])
-        total += J @ noise @ J.T
-    return total
 
 
 def _series(bracket: Bracket, shape: tuple[int, int]) -> list[FocusSeries]:
@@ -174,7 +170,14 @@ def _optimum(series: FocusSeries, angle: float, frequency: float) -> FocusOptimu
     D = t[:, None] ** np.arange(3 if len(t) < 5 else 5)
     solution = np.linalg.pinv(D * weight[:, None]) * weight
     c = solution @ np.log(mtf[used])
-    top = _maximum(c, float(t.min()), float(t.max()))
+    # position of a polynomial's maximum in an interval; None at its ends
+    low = float(t.min())
+    high = float(t.max())
+    roots = polyroots(polyder(c))
+    real = roots[np.abs(roots.imag) < 1e-9].real
+    inside = real[(real > low) & (real < high)]
+    best = int(np.argmax(polyval(np.concatenate([inside, [low, high]]), c)))
+    top = float(inside[best]) if best < len(inside) else None
     if top is None:
         return None
     # derivative of the maximum by each logarithm; a position acts through the slope of the curve
@@ -185,15 +188,6 @@ def _optimum(series: FocusSeries, angle: float, frequency: float) -> FocusOptimu
         sensitivities[source] = sensitivities.get(source, 0.0) + float(by_position)
     gradients = {series[i][0]: span * by / mtf[i] * slopes[i] for i, by in zip(used, by_logarithm, strict=True)}
     return FocusOptimum(float(middle + span * top), sensitivities, gradients)
-
-
-def _maximum(c: Array, low: float, high: float) -> float | None:
-    """Position of a polynomial's maximum in an interval; None at its ends."""
-    roots = polyroots(polyder(c))
-    real = roots[np.abs(roots.imag) < 1e-9].real
-    inside = real[(real > low) & (real < high)]
-    best = int(np.argmax(polyval(np.concatenate([inside, [low, high]]), c)))
-    return float(inside[best]) if best < len(inside) else None
 
 
 def _mtf(node: Node, angle: float, frequency: float) -> tuple[float, Array]:

@@ -32,8 +32,7 @@ from procedures.outcome import Refused
 CONVERGENCE_TOLERANCE = 1e-3
 """Decrease of chi-square, relative to its mean per coordinate, at convergence: 1/30 of a standard uncertainty."""
 LEAST_EIGENVALUE = 1e-15  # eigenvalue of the scaled system below which rounding dominates
-POSE = 6
-"""Parameters of a change of pose: rotation (3) about the camera's axes in radians, then translation (3) in mm."""
+POSE = 6  # parameters of a change of pose: rotation (3) about the camera's axes in radians, then translation (3) in mm
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,8 +97,6 @@ class AdjustmentProblem:
     """The least-squares problem: views of a chart, its plan, and the prior of its shape.
 
     nodes : (N, 3) float64, the plan of the chart, in mm
-    views : sequence of ChartView
-    shape : ShapeModel
     """
 
     nodes: Array
@@ -255,8 +252,6 @@ class ExtraTerms:
 class Adjustment:
     """The result, with its covariance for the stated covariances of the points.
 
-    problem : AdjustmentProblem
-    state : AdjustmentState
     covariance : (p + q + 6 views, p + q + 6 views) float64
         Of the camera parameters, the shape terms, and the changes of the poses, in this order.
     errors_variance : (N, 3) float64, of the node errors, in square mm

@@ -242,7 +242,6 @@ def calibrate_geometry(
 
     views : sequence of ChartView, of one chart, by one camera at one focus
     size : (columns, rows) of the frame, in sensor pixels
-    parameters : GeometryParameters
     nodes : (N, 3) float64, optional
         The plan of another board, in mm, to which the views' indices refer; None: the bins of the noise chart.
 

@@ -20,8 +20,7 @@ from procedures.geometry.model_doubt import missing_terms
 from procedures.numerics.arrays import Array
 
 GRID = (15, 11)
-UNMODELLED_PX = 1e-3
-"""Standard deviation of differences that neither the reference's errors nor missing terms explain."""
+UNMODELLED_PX = 1e-3  # standard deviation of differences that neither the reference's errors nor missing terms explain
 ALMOST_ALL = 0.99  # share of the covered frame, up to which a formula describes all of it
 
 
@@ -29,7 +28,6 @@ ALMOST_ALL = 0.99  # share of the covered frame, up to which a formula describes
 class FittedFormula:
     """A formula fitted to the reference.
 
-    camera : CameraModel
     covariance : (p, p) float64, of its parameters
     difference : Difference, its loss: distance from the reference over the covered frame
     response : (p, P) float64, change of its parameters by those of the reference

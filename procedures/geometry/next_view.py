@@ -45,7 +45,6 @@ class NextView:
 
     at : (x, y) position of the chart's centre, in fractions of the frame from the top left
     yaw_deg, pitch_deg : float, positive where the right edge is nearer, and where the lower edge is farther
-    distance_mm : float
     before, after : float, the uncertainty without this view and with it
     of : str, which uncertainty, with its unit
     """

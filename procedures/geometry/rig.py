@@ -53,8 +53,6 @@ CONVENTION = (
 class RigCamera:
     """A calibrated camera with its views of the chart.
 
-    camera : CameraModel
-    views : tuple of ChartView
     poses : tuple of Pose, of the chart in every view
     nodes : (N, 3) float64, the plan of the chart, in mm
     cell_uncertainty : float, relative standard uncertainty of the plan's scale
@@ -76,7 +74,6 @@ class RigCamera:
 class RigPoses:
     """Poses of the further cameras relative to the first.
 
-    poses : tuple of Pose
     covariance : (6 (n - 1), 6 (n - 1)) float64, see CONVENTION; includes the print's scale
     charts : tuple of str, the photographs, by the first camera that saw each chart, from which they are estimated
     misfit : float

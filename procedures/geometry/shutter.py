@@ -33,8 +33,7 @@ FEWEST_FRAMES = 6  # frames of a video that show how the chart moves
 ITERATIONS, NEGLIGIBLE = 6, 0.05
 """Corrections of the points at most; change of the row time, in standard uncertainties, that needs no further one."""
 SIGNIFICANT = 3.0  # row time, in standard uncertainties, from which the shutter is a rolling one
-SHARP_S = 1e-3
-"""Uncertainty of the readout time up to which a shutter without a significant row time is a global one."""
+SHARP_S = 1e-3  # uncertainty of the readout time up to which a shutter without a significant row time is a global one
 STEP_S = 1e-7  # change of the row time by which points are displaced for their derivative
 ROUNDS = 3
 """Projections that give the rows of moving points: each reduces their error by the path during a row, in rows."""
@@ -46,7 +45,6 @@ class ShutterTiming:
     """Row time of a camera.
 
     row_s, uncertainty_s : float, time between the exposures of neighbouring rows; positive where lower rows are later
-    rows : int
     """
 
     row_s: float

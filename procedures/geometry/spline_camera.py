@@ -25,8 +25,7 @@ SPREAD = 5e-4
 """Prior root mean square of the spline, relative to the longer side: the size of decentring and thin prism, which views
 hardly distinguish from a shifted principal point."""
 ROUGH_PX = 1.0  # standard deviation of third differences of control points that leaves the spline free
-LONG_SIDES = (12, 18)
-"""Numbers of control points along the longer side; the spacing along the shorter side is the same."""
+LONG_SIDES = (12, 18)  # numbers of control points along the longer side; the spacing along the shorter side is the same
 MAX_ITERATIONS, TOLERANCE_PX = 30, 1e-9
 """Limits of the fixed-point iteration that inverts the spline; each iteration reduces the error about a hundredfold."""
 

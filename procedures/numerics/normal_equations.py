@@ -215,8 +215,7 @@ def solve_constrained(G: Array, b: Array, solver: str) -> Array:
 Matrix = npt.NDArray[np.floating[Any]]
 
 BLOCK = 48  # rows solved at once; the blocks next to them are matrix products
-LEAF = 80
-"""Size up to which a matrix is inverted row by row; NumPy's general inverse takes several times as long there."""
+LEAF = 80  # size up to which a matrix is inverted row by row; NumPy's general inverse takes several times as long there
 
 
 def solve_factored(L: Matrix, b: Matrix) -> Matrix:

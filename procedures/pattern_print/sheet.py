@@ -35,8 +35,7 @@ from procedures.pattern_print.source import Source
 Box = tuple[float, float, float, float]
 SMALLEST_CELL_MM = 0.1  # least width of a cell, so that an office printer's dots are small in comparison
 SMALLEST_WIDTH_MM = SMALLEST_CELL_MM * BLOCK * BLOCKS
-LARGEST_WIDTH_MM = 3600.0
-"""Greatest width of a chart; with margin and caption just below the 5080 mm of a PDF page."""
+LARGEST_WIDTH_MM = 3600.0  # greatest width of a chart; with margin and caption just below the 5080 mm of a PDF page
 QUIET_BLOCKS = 1  # width of the white margin around the chart, in blocks
 EDGE_MM = 5.0  # unprinted margin of the paper: laser printers do not reach the outer 4.2 mm, inkjets 3 to 5 mm
 LARGEST_TYPE = 6.0  # greatest scale of the caption, which grows with the sheet
@@ -240,11 +239,24 @@ def caption(panel: Panel, titles: Iterable[str], noise_mm: float) -> Drawing:
     texts = [panel.text(LEFT, 5, TITLE, TITLE_TYPE, bold=True)]
     texts += [panel.text(LEFT, 10.6 + 4.2 * row, words, TYPE, bold=row == 0) for row, words in enumerate(titles)]
     head = Drawing((panel.rule(17.2, LEFT, PANEL_WIDTH_MM, 0.2),), tuple(texts))
+    texts = [panel.text(RIGHT, TOP, "Distance from lens to chart, in metres, for s/t = 1", HEADING, bold=True)]
+    texts += [panel.text(RIGHT, TOP + y, words, SMALL) for y, words in ((5.4, "Sensor"), (12, "Photosites"))]
+    for x, sensor in zip(_columns(), distance.SENSORS, strict=True):
+        cells = ((5.4, sensor.format), (8.6, f"{sensor.megapixels} MP"), (12, f"{sensor.pitch_um} µm"))
+        texts += [panel.text(x, TOP + y, words, SMALL, anchor="end") for y, words in cells]
+    y = TOP + 13.4
+    strokes: list[PrintedLine] = [panel.rule(y, RIGHT, RIGHT_END, 0.1)]
+    for focal, row in zip(distance.FOCAL_LENGTHS_MM, distance.table_m(noise_mm), strict=True):
+        y += 4.1
+        texts.append(panel.text(RIGHT, y, f"{focal} mm lens", TYPE))
+        metres = (f"{d:.1f}" if d >= 1 else f"{d:.2f}" for d in row)
+        texts += [panel.text(x, y, words, TYPE, anchor="end") for x, words in zip(_columns(), metres, strict=True)]
+    strokes.append(panel.rule(y + 1.6, RIGHT, RIGHT_END, 0.1))
     return (
         head
         + printing
         + photographing
-        + _distances(panel, noise_mm)
+        + Drawing(tuple(strokes), tuple(texts))
         + _explanation(panel, noise_mm)
         + rulers(ruler_x, ruler_y - 6.2)
     )
@@ -272,23 +284,6 @@ def _paragraph(panel: Panel, x: float, y: float, words: str, width: float) -> li
 def _columns() -> list[float]:
     count = len(distance.SENSORS)
     return [RIGHT_END - COLUMN * (count - 1 - i) for i in range(count)]
-
-
-def _distances(panel: Panel, noise_mm: float) -> Drawing:
-    texts = [panel.text(RIGHT, TOP, "Distance from lens to chart, in metres, for s/t = 1", HEADING, bold=True)]
-    texts += [panel.text(RIGHT, TOP + y, words, SMALL) for y, words in ((5.4, "Sensor"), (12, "Photosites"))]
-    for x, sensor in zip(_columns(), distance.SENSORS, strict=True):
-        cells = ((5.4, sensor.format), (8.6, f"{sensor.megapixels} MP"), (12, f"{sensor.pitch_um} µm"))
-        texts += [panel.text(x, TOP + y, words, SMALL, anchor="end") for y, words in cells]
-    y = TOP + 13.4
-    strokes: list[PrintedLine] = [panel.rule(y, RIGHT, RIGHT_END, 0.1)]
-    for focal, row in zip(distance.FOCAL_LENGTHS_MM, distance.table_m(noise_mm), strict=True):
-        y += 4.1
-        texts.append(panel.text(RIGHT, y, f"{focal} mm lens", TYPE))
-        metres = (f"{d:.1f}" if d >= 1 else f"{d:.2f}" for d in row)
-        texts += [panel.text(x, y, words, TYPE, anchor="end") for x, words in zip(_columns(), metres, strict=True)]
-    strokes.append(panel.rule(y + 1.6, RIGHT, RIGHT_END, 0.1))
-    return Drawing(tuple(strokes), tuple(texts))
 
 
 def _explanation(panel: Panel, noise_mm: float) -> Drawing:

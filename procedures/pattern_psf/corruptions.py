@@ -15,8 +15,7 @@ from procedures.pattern_psf.registration import Registration, block_size_px
 from procedures.quality import PRINT_BLUR
 
 VARIED = 3.5  # standard uncertainties above which a variation of the PSF over the chart counts
-PRINT_UNKNOWN = 0.36
-"""Prior standard deviation of the print's blur, in cells, where nothing is known of the print."""
+PRINT_UNKNOWN = 0.36  # prior standard deviation of the print's blur, in cells, where nothing is known of the print
 PRINTED_DOTS = 1.44  # prior standard deviation of the blur in dots of the printer
 MOST_EXPONENT = 1.0  # largest exponent of the change of a transfer function by the print's blur
 DOTS_VISIBLE = 0.008

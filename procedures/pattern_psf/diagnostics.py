@@ -16,8 +16,7 @@ from procedures.pattern_psf.refine import GEOMETRY, RESPONSE, SPREAD, TAIL, Char
 from procedures.pattern_psf.registration import Registration, map_distance, mark_residuals
 from procedures.psf import Psf
 
-OBSTRUCTED = 0.67
-"""Relative excess of the far tail behind a central obstruction of 0.4 of the pupil: 1 / (1 - 0.4) - 1."""
+OBSTRUCTED = 0.67  # relative excess of the far tail behind a central obstruction of 0.4 of the pupil: 1 / (1 - 0.4) - 1
 
 
 @dataclass(frozen=True)

@@ -78,8 +78,7 @@ CHECKED_NUMBERS = (MTF50_HORIZONTAL, MTF50_VERTICAL)  # numbers checked for vari
 PUPIL_SPREAD = 0.1
 """Relative standard uncertainty of the far tail expected from f-number and pitch: spread of wavelengths, non-circular
 or vignetted pupils, rounded f-numbers."""
-SAMPLES_PER_CELL = 2.0
-"""Largest s/t chosen automatically: there the cells' spectrum reaches zero at the band's edge."""
+SAMPLES_PER_CELL = 2.0  # largest s/t chosen automatically: there the cells' spectrum reaches zero at the band's edge
 MAX_EXCLUSIONS = 10  # greatest number of fits that exclude hidden places
 MIN_VISIBLE_SHARE = 0.5  # least share of the noise region's samples that remain when hidden places are excluded
 
@@ -208,7 +207,6 @@ def estimate_psf(
 
     plane : Plane, or (rows, columns) array, linear samples, black 0, white 1; the chart may lie anywhere
     chart : Chart, the printed cells
-    parameters : PatternParameters, optional
     diffraction : Diffraction, diffraction limit of this plane; with it the Strehl ratio is reported too
     sighting : ChartSighting, optional
         The chart to use, of several in the photograph (`detection.find_charts`); None: the only one is detected.

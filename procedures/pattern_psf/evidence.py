@@ -178,7 +178,19 @@ class WholeChart:
         samples. Shared columns are those of PSF and tail."""
         block = np.floor(self.cells / BLOCK + 1).astype(int)
         number = block[..., 0] + BLOCKS * block[..., 1]
-        used = self._clear(block)
+        # samples of the frame away from x-corners and from the rim, beyond which the surroundings are not known
+        cell_px = block_size_px(self.fit.registration) / BLOCK
+        rim, near = self.k / 2 / self.s / cell_px, CLEAR_PX / cell_px
+        inside = ((self.cells > rim - BLOCK) & (self.cells < CELLS + BLOCK - rim)).all(axis=2)
+        noise = ((self.cells > 0) & (self.cells < CELLS)).all(axis=2)
+        corner = np.zeros((BLOCKS, BLOCKS), dtype=bool)
+        corner[tuple(np.array(X_CORNER_BLOCKS).T)] = True
+        touched = np.zeros(noise.shape, dtype=bool)
+        for x in (-near, near):  # a block is wider than both
+            for y in (-near, near):
+                at = np.clip(np.floor((self.cells + np.array([x, y])) / BLOCK + 1).astype(int), 0, BLOCKS - 1)
+                touched |= corner[at[..., 0], at[..., 1]]
+        used = np.asarray(inside & ~noise & ~touched)
         if used.any():
             count = np.bincount(number[used], minlength=BLOCKS * BLOCKS)
             used &= (count >= MIN_BLOCK_SAMPLES)[np.clip(number, 0, BLOCKS * BLOCKS - 1)]
@@ -194,21 +206,6 @@ class WholeChart:
             used[used] = ~hidden[part.cluster]
             part = self._part(used, number)
         return part, used
-
-    def _clear(self, block: Indices) -> Mask:
-        """Samples of the frame away from x-corners and from the rim, beyond which the surroundings are not known."""
-        cell_px = block_size_px(self.fit.registration) / BLOCK
-        rim, near = self.k / 2 / self.s / cell_px, CLEAR_PX / cell_px
-        inside = ((self.cells > rim - BLOCK) & (self.cells < CELLS + BLOCK - rim)).all(axis=2)
-        noise = ((self.cells > 0) & (self.cells < CELLS)).all(axis=2)
-        corner = np.zeros((BLOCKS, BLOCKS), dtype=bool)
-        corner[tuple(np.array(X_CORNER_BLOCKS).T)] = True
-        touched = np.zeros(noise.shape, dtype=bool)
-        for x in (-near, near):  # a block is wider than both
-            for y in (-near, near):
-                at = np.clip(np.floor((self.cells + np.array([x, y])) / BLOCK + 1).astype(int), 0, BLOCKS - 1)
-                touched |= corner[at[..., 0], at[..., 1]]
-        return np.asarray(inside & ~noise & ~touched)
 
     def _part(self, used: Mask, number: Indices) -> SampleGroup:
         rows, columns = np.nonzero(used)

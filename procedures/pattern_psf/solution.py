@@ -79,7 +79,13 @@ def solution(fit: ChartFit, s: int, k: int, solver: str) -> Solution:
     middle = fit.registration.to_sensor(np.full((1, 2), CELLS / 2))
     D = np.kron(np.eye(2), fit.registration.monomials(middle)[0] - fit.observation.cubics.mean(axis=0))
     shared = _recentred(_shared(fit, covariance, F, D), F, shift_gradient)
-    centre_covariance = _centre_covariance(fit, covariance[:n, :n], F, D)
+    # covariance (2, 2), squared pixels, of the chart's centre: errors of h move the marks by `F`, and the displacement
+    # has its own
+    equations = fit.equations
+    with_h = equations.E[:GEOMETRY] * fit.h.sum()
+    conditional = cholesky_inverse(equations.ZZ)[:GEOMETRY, :GEOMETRY] * fit.residual_std**2
+    moved = F + D @ with_h
+    centre_covariance = np.asarray(moved @ covariance[:n, :n] @ moved.T + D @ conditional @ D.T)
     covariance = covariance + shift_gradient @ (F @ covariance[:n])
     covariance = covariance + (covariance[:, :n] @ F.T) @ shift_gradient.T
     tail = PsfTail(p[n:], covariance[n:, n:], covariance[:n, n:])
@@ -124,16 +130,6 @@ def _shared(fit: ChartFit, covariance: Array, F: Array, D: Array) -> SharedError
     centre = covariance[:, :n] @ F.T - with_parameters.T @ D.T
     mark = np.hstack([F @ covariance[:n], F @ centre[:n]])
     return SharedErrors(centre, np.hstack([with_parameters, with_centre]), mark, middle)
-
-
-def _centre_covariance(fit: ChartFit, covariance: Array, F: Array, D: Array) -> Array:
-    """Covariance (2, 2), squared pixels, of the chart's centre: errors of h move the marks by `F`, and the displacement
-    has its own."""
-    equations = fit.equations
-    with_h = equations.E[:GEOMETRY] * fit.h.sum()
-    conditional = cholesky_inverse(equations.ZZ)[:GEOMETRY, :GEOMETRY] * fit.residual_std**2
-    moved = F + D @ with_h
-    return np.asarray(moved @ covariance @ moved.T + D @ conditional @ D.T)
 
 
 def _recentred(shared: SharedErrors, F: Array, shift_gradient: Array) -> SharedErrors:

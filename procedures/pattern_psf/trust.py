@@ -20,15 +20,11 @@ from procedures.psf import Psf, Sampling
 from procedures.raw import UNLIKELY_IN_RAW, unprocessed
 
 MIN_AGREEMENT = 0.3  # least share of the noise region's variance that the expected cells must explain
-MAX_UNEXPLAINED = 0.15
-"""Greatest share of the variance that is neither chart nor noise; above it the result is refused."""
-DOUBTFUL_UNEXPLAINED = 0.03
-"""Share of the variance that is neither chart nor noise above which a result is doubtful."""
-MAX_RESIDUAL_CORRELATION = 0.3
-"""Correlation of the residual at neighbouring pixels above which a result is doubtful."""
+MAX_UNEXPLAINED = 0.15  # greatest share of the variance that is neither chart nor noise; above it the result is refused
+DOUBTFUL_UNEXPLAINED = 0.03  # share of the variance that is neither chart nor noise above which a result is doubtful
+MAX_RESIDUAL_CORRELATION = 0.3  # correlation of the residual at neighbouring pixels above which a result is doubtful
 MAX_NOISE_CORRELATION = 0.25  # noise correlation of neighbouring samples above which the picture was processed
-MAX_CURVATURE = 0.15
-"""Curvature of the response above which, and beyond its own uncertainty, the picture is not linear."""
+MAX_CURVATURE = 0.15  # curvature of the response above which, and beyond its own uncertainty, the picture is not linear
 MAX_INK_SPREAD = 0.25  # ink spread, in cells, above which the model of thin outlines fails
 MAX_SUPPORT_CUT = 0.15  # share of the PSF's energy outside its support above which a result is doubtful
 MIN_CONTRAST_STEPS = 16  # digital numbers between black and white above which rounding is no worse than noise
@@ -40,8 +36,7 @@ MAX_NOISE_DIFFERENCE, NOISE_DIFFERENCE_SIGMAS = 0.1, 4.0
 the picture was processed or taken at another gain."""
 MAX_BLACK_CLIPPING = 0.05  # share of black samples at one value above which black is clipped
 MAX_RESIDUAL = 2.0  # residual in units of the noise above which a result is doubtful
-MAX_MISMATCH = 9.0
-"""Variance of a number over the chart's tiles, relative to that by noise, above which it is doubtful."""
+MAX_MISMATCH = 9.0  # variance of a number over the chart's tiles, relative to that by noise, above which it is doubtful
 MAX_STRAY = 0.03  # share of hot or dead samples above which a result is doubtful
 MAX_VARIATION = 0.03  # relative difference of MTF50 between the chart's halves above which it is reported
 

@@ -35,8 +35,7 @@ CURVATURE_UNCERTAINTY = 0.001
 """Standard uncertainty of a curvature, over the range, by a slight motion between two exposures."""
 MASKS_PX = (0.7, 1.0, 2.0)
 LEAST_RATIO, LEAST_NEARER = 1.3, 1.2  # least ratio of the exposures, and of the chart's widths
-FOCUS_UNCERTAINTY = 0.015
-"""Relative standard uncertainty of the ratio of two distances' MTF, each focused in steps."""
+FOCUS_UNCERTAINTY = 0.015  # relative standard uncertainty of the ratio of two distances' MTF, each focused in steps
 LEAST_MTF = 0.2  # MTF down to which curves from two distances are compared
 
 

@@ -22,8 +22,7 @@ Counts = npt.NDArray[np.uint32]
 BINS = 20  # bins per colour
 EXPONENT = 2.2  # exponent of the sample's value by which bins widen
 RANGE = 7.5  # value of a sample at which the evenly spaced nodes end
-LARGEST = 1e30
-"""Upper limit of a pixel's value: filtering in single precision must hold sums of a million of them."""
+LARGEST = 1e30  # upper limit of a pixel's value: filtering in single precision must hold sums of a million of them
 SUM_TOLERANCE = 0.005
 """Relative difference allowed between a histogram's sum and its count: votes may have been stored in half precision."""
 

@@ -19,8 +19,7 @@ from procedures.ray_histogram.multiscale import allowed_variance
 REACH, PATCH = 7, 1  # half sizes of the window and of the compared patches, pixels
 DECAY = 0.6  # difference, in standard deviations of the noise, at which the weight has fallen to exp(-1)
 LEAST_WEIGHT = 1e-3  # weight below which a pixel is not used
-RIDGE = 1e-4
-"""Variance added to that of each feature in its window: a feature that is constant there has no slope."""
+RIDGE = 1e-4  # variance added to that of each feature in its window: a feature that is constant there has no slope
 BAND_ROWS = 32  # rows fitted at once
 NO_NOISE = 1e-10  # variance added to differences: two pixels without noise may be equal
 

@@ -21,8 +21,7 @@ from procedures.reading.guard import Room, decoding, open_file, read_file
 Arrays = dict[str, npt.NDArray[Any]]
 
 LONGEST_HEAD = 1 << 14  # greatest length of an array's header, in bytes
-LARGEST_DIRECTORY = 1 << 20
-"""Greatest size of an archive's central directory, in bytes: some ten thousand members."""
+LARGEST_DIRECTORY = 1 << 20  # greatest size of an archive's central directory, in bytes: some ten thousand members
 BLOCK = 1 << 20
 LARGEST, SMALLEST = 1e30, 1e-30  # range of magnitudes that are read: squares and ratios of them stay finite
 LONGEST = 1_000_000  # limit of pixels along a side of a frame, beyond any sensor

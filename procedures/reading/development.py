@@ -16,7 +16,6 @@ class Development:
     """How a picture's file encodes light.
 
     format : str, "JPEG", "WEBP", "HEIF", "PNG", "TIFF", or "RAW" of files whose mosaic has no planes or that have none
-    curve : ToneCurve
     assumed : bool, whether the curve is neither stated by the operator nor by the file's ICC profile
     bits : int, of a sample: 8 or 16
     coding : float, standard deviation of the error of block coding, as part of white's level; 0 for files without loss

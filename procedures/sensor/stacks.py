@@ -126,7 +126,6 @@ class SensorRecording:
     darks : without light, by exposure time
     lights : by light
     photons_known : whether `light` is photons per pixel
-    dark_stack, flat_stack : FrameStack or None
     """
 
     darks: tuple[LightLevel, ...]

@@ -16,8 +16,7 @@ OUTER = 0.6  # distance, relative to the plains' reach, from which their noise i
 MIN_ROWS = 16  # least length in pixels: fewer rows determine no uncertainty
 MIN_DRIFT_PX = 0.9  # least drift across the pixels' grid: an edge must cross all phases
 MAX_EMPTY = 0.05
-FAINT, NOISY = 0.5, 2.0
-"""Contrast over the noise of a pixel below which an edge is not visible, and not measurable."""
+FAINT, NOISY = 0.5, 2.0  # contrast over the noise of a pixel below which an edge is not visible, and not measurable
 
 
 def check_samples(strip: Strip) -> None:

@@ -62,7 +62,6 @@ class NearImage:
 
     coefficients : (rows, columns), cubic spline about the photograph's mean
     grid : (3, 3), near pixels (x, y) -> grid points
-    s : int
     corner : (x, y), first pixel of the window on the far photograph
     shape : (rows, columns), pixels of the window
     """
@@ -98,8 +97,6 @@ class PairFit:
     kernel : (k^2,), inter-image kernel by plain least squares
     tail : (q,), tau_j, the kernel beyond its support; the sum of both is the gain from near to far photograph
     light : (11,), a (6), b without its constant (5)
-    samples : Samples
-    near : NearImage
     equations : of the last iteration, for kernel and tail
     slopes : (m, 2), change of the prediction per far pixel along x and y
     prediction : (m,) float64

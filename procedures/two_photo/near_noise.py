@@ -62,7 +62,6 @@ def without_near_noise(fit: PairFit, near_noise_limit: float) -> InterImageKerne
 
     Raises Refused if the near photograph has more noise than texture at some of the frequencies.
 
-    fit : PairFit
     near_noise_limit : upper limit of the near pixels' noise: a larger residual is not pixel noise
 
     With r = y - A k the corrected equations' right-hand side has the covariance var(r) (A0'A0 + m c sigma^2 I): the

@@ -192,14 +192,6 @@ def middle(samples: Array32, part: float) -> Array32:
     return samples[top : top + rows, left : left + columns]
 
 
-def near_part(shape: tuple[int, ...], ratio: float) -> Outline:
-    """The part of a far photograph that must show the wall of the near one."""
-    rows, columns = shape
-    x, y, half = (columns - 1) / 2, (rows - 1) / 2, 0.5 / ratio
-    signs = ((-1, -1), (1, -1), (1, 1), (-1, 1))
-    return Outline((), tuple((x + i * half * columns, y + j * half * rows) for i, j in signs))
-
-
 def texture(plane: Plane) -> float:
     """Contrast of detail of a few pixels, over the noise."""
     samples = plane.samples
@@ -236,7 +228,11 @@ def check_far(frame: RawFrame, facts: Facts) -> Advice:
     known = facts_as(TwoPhotoFacts, facts)
     if changed := changed_settings(frame.exposure, known):
         return Advice(False, f"Set the camera back: {changed}.", by_hand={"settings": 1.0})
-    wanted = near_part(frame.guide.samples.shape, known.ratio)
+    # the part of a far photograph that must show the wall of the near one
+    rows, columns = frame.guide.samples.shape
+    x, y, half = (columns - 1) / 2, (rows - 1) / 2, 0.5 / known.ratio
+    signs = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+    wanted = Outline((), tuple((x + i * half * columns, y + j * half * rows) for i, j in signs))
     if (off := way_by_laser(known)) is not None:
         return replace(off, outline=wanted)
     clipped = clipped_fraction(frame)

@@ -36,8 +36,7 @@ from procedures.two_photo.registration import PairSighting, register
 
 RIDGE = 0.1
 """Variance added in the weights, relative to the mean variance of the samples: model errors have no small variances."""
-DISAGREEMENT = 4.0
-"""Standard uncertainties of their difference by which a pair's MTF50 may differ from that of all."""
+DISAGREEMENT = 4.0  # standard uncertainties of their difference by which a pair's MTF50 may differ from that of all
 
 
 def estimate_psf_of_wall(

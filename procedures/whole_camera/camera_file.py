@@ -46,10 +46,8 @@ GIVE = "give the camera.h5 of a field's result"
 class CameraNumbers:
     """Contents of a camera's file.
 
-    names, units : tuple of str
     values : (n,) float64
     covariance : (n, n) float64
-    blocks : tuple of CovarianceBlock
     model : model of the geometry; "" without one
     size : (columns, rows), size of the frame in sensor pixels, (0, 0) without a geometry
     """

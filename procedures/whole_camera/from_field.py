@@ -29,8 +29,6 @@ ROUNDING = 1e-12  # eigenvalues below this, relative to the largest, are 0
 class CameraPart:
     """Numbers of one estimate.
 
-    name : str
-    names, units : tuple of str
     values : (m,) float64
     covariance : (m, m) float64
     origin : the photographs used
@@ -71,7 +69,6 @@ class CovarianceBlock:
 class JointNumbers:
     """All numbers of all parts.
 
-    parts : tuple of CameraPart
     covariance : (n, n), of the concatenated values of the parts; symmetric, positive semidefinite within rounding
     blocks : one for each pair of parts
     """
@@ -201,9 +198,7 @@ SENSOR = "sensor"  # name of the part of the sensor's numbers, and of the term o
 class WholeCamera:
     """Results of one session with a camera.
 
-    numbers : JointNumbers
     places : plane and chart of every place of the PSF's numbers, in their order
-    colours : tuple of LateralColour
     geometry : refused where the charts do not determine it
     """
 
@@ -218,7 +213,6 @@ def whole_camera(
 ) -> WholeCamera:
     """The camera of a field.
 
-    result : FieldResult
     cell_mm : side of a printed cell: scale of the distances, without effect on the camera
     others : from other photographs
     views : further views of the chart, for the geometry alone

@@ -25,8 +25,7 @@ from simulators.camera.sensor import Mosaic, Sensor
 from simulators.world.projection import Projection, Segments, coverage
 from simulators.world.scene import Illumination, PlacedChart, Scene, Stroke, strokes
 
-LUMINANCE = (0.2126, 0.7152, 0.0722)
-"""Response of a sensor without a mosaic to red, green and blue (ITU-R BT.709)."""
+LUMINANCE = (0.2126, 0.7152, 0.0722)  # response of a sensor without a mosaic to red, green and blue (ITU-R BT.709)
 
 
 def photograph_render(
@@ -78,8 +77,7 @@ def _channel(picture: npt.NDArray[np.floating], colour: str) -> Array:
 Array = npt.NDArray[np.float64]
 Frame = npt.NDArray[np.float32]
 
-LEAST_MARGIN_PX = 24
-"""Smallest margin of sensor pixels around a rendered region: the Fourier transform is periodic."""
+LEAST_MARGIN_PX = 24  # smallest margin of sensor pixels around a rendered region: the Fourier transform is periodic
 
 SURROUND_PX = 16  # sensor pixels around a chart's sheet that are rendered as exactly as the chart
 FINE_SIDE = 3072  # fine samples per side of a transform, without margins; larger regions are rendered in tiles
@@ -88,8 +86,7 @@ PLAIN_OVERSAMPLING = 2
 TILE_PX = 512  # side of the tiles in which the rest of a frame is drawn
 
 
-STRIP_ROWS = 256
-"""Fine rows painted at once: a strip fits the cache, and a slanted line crosses few of its columns."""
+STRIP_ROWS = 256  # fine rows painted at once: a strip fits the cache, and a slanted line crosses few of its columns
 
 
 @dataclass(frozen=True)

@@ -58,28 +58,6 @@ class GrblController:
         """Name of the firmware."""
         return self.program.variant
 
-    @variant.setter
-    def variant(self, name: str) -> None:
-        self.program.variant = name
-
-    @property
-    def rx_bytes(self) -> int:
-        """Size of the receive buffer."""
-        return self.program.rx_bytes
-
-    @rx_bytes.setter
-    def rx_bytes(self, number: int) -> None:
-        self.program.rx_bytes = number
-
-    @property
-    def feed_override(self) -> int:
-        """Percent; applies to lines that begin from now on."""
-        return self.motion.overrides[0]
-
-    @feed_override.setter
-    def feed_override(self, percent: int) -> None:
-        self.motion.overrides[0] = percent
-
     def offset(self, *place: float) -> None:
         """Set the work zero, in machine space."""
         self.program.offsets.systems[54] = place
@@ -116,7 +94,7 @@ class GrblController:
                 return
             if byte in b"?!~\x18" or byte >= 0x80:
                 self._realtime(byte, now_s)
-            elif len(self._rx) < self.rx_bytes:
+            elif len(self._rx) < self.program.rx_bytes:
                 self._rx.append(byte)
                 self._main_loop(now_s)
         self._main_loop(now_s)
@@ -124,7 +102,19 @@ class GrblController:
     def advance(self, now_s: float) -> bytes:
         """Process everything until now, in order; returns the output."""
         while (moment_s := self.next_event_s()) is not None and moment_s <= now_s:
-            self._event(moment_s)
+            run, motion = self.program.run, self.motion
+            if self._boot_s <= moment_s:
+                self._boot_s = NEVER
+                self._greet(moment_s)
+            elif self._deaf_until_s <= moment_s:
+                self._end_alarm_pause(moment_s)
+            elif motion.trip_s <= moment_s:
+                self.alarm(1, moment_s)
+            elif motion.end_s <= moment_s:
+                self._motion_ended(moment_s)
+            elif run.busy_until_s <= moment_s:
+                self._answer(self.program.busy_ended(moment_s))
+            self._main_loop(moment_s)
         return drained(self._out)
 
     def next_event_s(self) -> float | None:
@@ -175,21 +165,6 @@ class GrblController:
     def _answer(self, answer: Answer) -> None:
         if answer is not None:
             self._send(*answer)
-
-    def _event(self, now_s: float) -> None:
-        run, motion = self.program.run, self.motion
-        if self._boot_s <= now_s:
-            self._boot_s = NEVER
-            self._greet(now_s)
-        elif self._deaf_until_s <= now_s:
-            self._end_alarm_pause(now_s)
-        elif motion.trip_s <= now_s:
-            self.alarm(1, now_s)
-        elif motion.end_s <= now_s:
-            self._motion_ended(now_s)
-        elif run.busy_until_s <= now_s:
-            self._answer(self.program.busy_ended(now_s))
-        self._main_loop(now_s)
 
     def _greet(self, now_s: float) -> None:
         self._out += b"\r\n"
@@ -244,10 +219,11 @@ class GrblController:
             self._pause(byte, now_s)
 
     def _override(self, which: int, change: int) -> None:
+        overrides = self.motion.overrides
         if which == 1:
-            self.motion.overrides[1] = change
+            overrides[1] = change
         elif which == 0:
-            self.feed_override = min(max(self.feed_override + change, 10), 200) if change else 100
+            overrides[0] = min(max(overrides[0] + change, 10), 200) if change else 100
         else:
             self.spindle_override = min(max(self.spindle_override + change, 10), 200) if change else 100
         self.program.counters.overrides = 0
@@ -378,7 +354,7 @@ class GrblController:
             motion.feed(now_s),
             0.0 if modes.spindle == 5 else modes.speed,
             BLOCKS[self.variant] - len(motion.plan) - (motion.current is not None),
-            self.rx_bytes - len(self._rx) - (self.variant == "grblHAL"),
+            program.rx_bytes - len(self._rx) - (self.variant == "grblHAL"),
             [*motion.overrides, self.spindle_override],
             {3: "S", 4: "C"}.get(modes.spindle, "") + ("F" if modes.flood == 8 else ""),
             motion.closed(now_s),

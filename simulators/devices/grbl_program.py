@@ -70,7 +70,9 @@ class Program:
             if line.startswith("$J"):
                 return self._jog(line, now_s)
             if line.startswith("$/") and self.variant == "FluidNC":
-                return self._config(line)
+                path = line[2:].lower()
+                value = grbl_settings.config_item(self.settings, self.letters, path, self.motion.forced_origin)
+                return ["error:3"] if value is None else [f"$/{path}={value}", "ok"]
             if line[1:2] in ("", "$", "G", "C", "X"):
                 return self._at_any_time(line, now_s)
             if self.run.state not in ("Idle", "Alarm"):
@@ -136,11 +138,6 @@ class Program:
         if self.variant == "grblHAL":
             return [f"<Home|MPos:{numbers(self.motion.machine(now_s), self.inches)}|FS:0,0>"]
         return None
-
-    def _config(self, line: str) -> Answer:
-        path = line[2:].lower()
-        value = grbl_settings.config_item(self.settings, self.letters, path, self.motion.forced_origin)
-        return ["error:3"] if value is None else [f"$/{path}={value}", "ok"]
 
     def _identify(self, line: str) -> Answer:
         if line.startswith("$I="):

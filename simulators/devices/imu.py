@@ -97,17 +97,14 @@ class WitModule(SerialDevice):
     def advance(self, now_s: float) -> bytes:
         times = self._sampler.take(now_s)
         if times.size:
-            self._sample(times)
+            force, rate = self._world.ideal_imu(times)
+            force = force + self._rng.normal(0, self._noise_g * G, force.shape)
+            rate = rate + self._rng.normal(0, 0.001, rate.shape)
+            sent = self._rng.random(times.size) >= self._lose
+            for t_s, f, r, send in zip(times, digits(force, 16 * G), digits(rate, np.radians(2000)), sent, strict=True):
+                if send:
+                    self._report(float(t_s), f, r)
         return drained(self._out)
-
-    def _sample(self, times: Array) -> None:
-        force, rate = self._world.ideal_imu(times)
-        force = force + self._rng.normal(0, self._noise_g * G, force.shape)
-        rate = rate + self._rng.normal(0, 0.001, rate.shape)
-        sent = self._rng.random(times.size) >= self._lose
-        for t_s, f, r, send in zip(times, digits(force, 16 * G), digits(rate, np.radians(2000)), sent, strict=True):
-            if send:
-                self._report(float(t_s), f, r)
 
     def _report(self, t_s: float, force: NDArray[np.int16], rate: NDArray[np.int16]) -> None:
         celsius = round(self._world.temperature_c(t_s) * 100)

@@ -20,18 +20,29 @@ def jrt(head: int, register: int, payload: bytes) -> bytes:
     return bytes((head,)) + body + bytes((sum(body) & 0xFF,))
 
 
-class JrtModule(SerialDevice):
-    """A JRT/Meskernel module aimed at the chart; a `status` other than 0 makes every reading fail with it."""
+class LaserTwin(SerialDevice):
+    """A laser distance meter aimed at the chart; a `status` other than 0 makes every reading fail with it."""
 
-    baud = 19200
-
-    def __init__(self, world: World, rng: np.random.Generator, *, noise_mm: float = 0.6) -> None:
+    def __init__(self, world: World, rng: np.random.Generator, *, noise_mm: float) -> None:
         self.status = 0
         self.laser = False
         self._world, self._rng, self._noise_mm = world, rng, noise_mm
         self._inbox = b""
         self._out = bytearray()
-        self._ready_s, self._mode = NEVER, 0
+        self._ready_s = NEVER
+
+    def next_event_s(self) -> float | None:
+        return None if self._ready_s == NEVER else self._ready_s
+
+
+class JrtModule(LaserTwin):
+    """A JRT/Meskernel module."""
+
+    baud = 19200
+
+    def __init__(self, world: World, rng: np.random.Generator) -> None:
+        super().__init__(world, rng, noise_mm=0.6)
+        self._mode = 0
 
     def receive(self, data: bytes, now_s: float) -> None:
         """Commands; `U` alone is answered by the address, `X` stops."""
@@ -87,9 +98,6 @@ class JrtModule(SerialDevice):
         measured = self._world.distance_mm(at_s) + HOUSING_MM + self._rng.normal(0, noise_mm)
         return jrt(0xAA, 0x0022, struct.pack(">IH", round(measured), int(self._rng.integers(40, 90))))
 
-    def next_event_s(self) -> float | None:
-        return None if self._ready_s == NEVER else self._ready_s
-
 
 BOSCH_CRC = [0] * 256
 for _i in range(256):
@@ -107,18 +115,13 @@ def bosch(body: bytes) -> bytes:
     return body + bytes((value,))
 
 
-class BoschModule(SerialDevice):
-    """A Bosch GLM aimed at the chart."""
+class BoschModule(LaserTwin):
+    """A Bosch GLM."""
 
     baud = 115200
 
-    def __init__(self, world: World, rng: np.random.Generator, *, noise_mm: float = 0.4) -> None:
-        self.status = 0
-        self.laser = False
-        self._world, self._rng, self._noise_mm = world, rng, noise_mm
-        self._inbox = b""
-        self._out = bytearray()
-        self._ready_s = NEVER
+    def __init__(self, world: World, rng: np.random.Generator) -> None:
+        super().__init__(world, rng, noise_mm=0.4)
 
     def receive(self, data: bytes, now_s: float) -> None:
         """`C0 command 00 CRC`."""
@@ -148,9 +151,6 @@ class BoschModule(SerialDevice):
             good = b"\x00\x04" + struct.pack("<I", round(measured / 0.05))
             self._out += bosch(bytes((self.status, 0)) if self.status else good)
         return drained(self._out)
-
-    def next_event_s(self) -> float | None:
-        return None if self._ready_s == NEVER else self._ready_s
 
 
 class DmxWidget(SerialDevice):

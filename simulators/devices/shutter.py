@@ -150,7 +150,32 @@ class StrigBox:
     def advance(self, now_s: float) -> bytes:
         """Process contacts and events, in order."""
         while (moment_s := self.next_event_s()) is not None and moment_s <= now_s:
-            self._event(moment_s)
+            if self._hold.due_s <= moment_s:
+                self._release(moment_s)
+                self._report_release()
+            if self._boot_end_s <= moment_s:
+                self._boot_end_s = NEVER
+                self._send(self._hello)
+            if self._flash_at_s <= moment_s:
+                self._send(f"EVT FLASH {self._t_us(self._flash_at_s)}")
+                self._flash_at_s = NEVER
+            if self._shot is not None:
+                shot = self._shot
+                if not shot.closed and shot.close_at_s <= moment_s:
+                    shot.closed = True
+                    self.contacts.close(moment_s)
+                    self._send(f"EVT SHUTTER {shot.seq} {self._t_us(moment_s)}")
+                    self._flash_at_s = self.contacts.flash_s() or NEVER
+                elif shot.closed and shot.release_at_s <= moment_s:
+                    self._end("DONE", moment_s)
+                elif shot.closed and self._received_s + WATCHDOG_S <= moment_s:
+                    self._end("WATCHDOG", moment_s)
+            if self._sample_s <= moment_s and self._inertial is not None:
+                digits = "".join(f"{number & 0xFFFF:04X}" for number in self._inertial(moment_s))
+                self._send(f"S {self._t_us(moment_s)} {digits}")
+                self._sample_s += self._interval_us * 1e-6 / (1 + self._drift)
+            if self._path.runs and min(self._path.rest_at_s, self._received_s + WATCHDOG_S) <= moment_s:
+                self._rest(moment_s)
         return drained(self._out)
 
     def next_event_s(self) -> float | None:
@@ -162,37 +187,6 @@ class StrigBox:
             shot = self._shot
             moments.append(min(shot.release_at_s, self._received_s + WATCHDOG_S) if shot.closed else shot.close_at_s)
         return None if min(moments) == NEVER else min(moments)
-
-    def _event(self, now_s: float) -> None:
-        if self._hold.due_s <= now_s:
-            self._release(now_s)
-            self._report_release()
-        if self._boot_end_s <= now_s:
-            self._boot_end_s = NEVER
-            self._send(self._hello)
-        if self._flash_at_s <= now_s:
-            self._send(f"EVT FLASH {self._t_us(self._flash_at_s)}")
-            self._flash_at_s = NEVER
-        if self._shot is not None:
-            shot = self._shot
-            if not shot.closed and shot.close_at_s <= now_s:
-                shot.closed = True
-                self.contacts.close(now_s)
-                self._send(f"EVT SHUTTER {shot.seq} {self._t_us(now_s)}")
-                self._flash_at_s = self.contacts.flash_s() or NEVER
-            elif shot.closed and shot.release_at_s <= now_s:
-                self._end("DONE", now_s)
-            elif shot.closed and self._received_s + WATCHDOG_S <= now_s:
-                self._end("WATCHDOG", now_s)
-        if self._sample_s <= now_s and self._inertial is not None:
-            self._sample(self._inertial, now_s)
-        if self._path.runs and min(self._path.rest_at_s, self._received_s + WATCHDOG_S) <= now_s:
-            self._rest(now_s)
-
-    def _sample(self, inertial: Inertial, now_s: float) -> None:
-        digits = "".join(f"{number & 0xFFFF:04X}" for number in inertial(now_s))
-        self._send(f"S {self._t_us(now_s)} {digits}")
-        self._sample_s += self._interval_us * 1e-6 / (1 + self._drift)
 
     def _release(self, now_s: float) -> None:
         """Remove the motors' current: no heartbeat came, or the host ordered it."""

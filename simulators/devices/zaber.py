@@ -191,15 +191,12 @@ class ZaberChain(SerialDevice):
         reply_id = f" {numbers[2]:02d}" if len(numbers) > 2 and numbers[2] >= 0 else ""
         for device in self.devices.values():
             if address in (0, device.address):
-                self._answer(device, axis, reply_id, words, now_s)
-
-    def _answer(self, device: ZaberDevice, axis: int, reply_id: str, words: list[str], now_s: float) -> None:
-        motors = device.motors if axis == 0 else device.motors[axis - 1 : axis]
-        verdict, data = self._do(device, motors, axis, words, now_s) if motors else ("RJ", "BADAXIS")
-        shown = motors or device.motors
-        busy = "BUSY" if any(motor.busy_until_s != NEVER for motor in shown) else "IDLE"
-        flag = next((motor.flag() for motor in shown if motor.flags), "--")
-        self._send(device, f"@{device.address:02d} {axis}{reply_id} {verdict} {busy} {flag} {data}")
+                motors = device.motors if axis == 0 else device.motors[axis - 1 : axis]
+                verdict, data = self._do(device, motors, axis, words, now_s) if motors else ("RJ", "BADAXIS")
+                shown = motors or device.motors
+                busy = "BUSY" if any(motor.busy_until_s != NEVER for motor in shown) else "IDLE"
+                flag = next((motor.flag() for motor in shown if motor.flags), "--")
+                self._send(device, f"@{device.address:02d} {axis}{reply_id} {verdict} {busy} {flag} {data}")
 
     def _do(
         self, device: ZaberDevice, motors: list[ZaberMotor], axis: int, words: list[str], now_s: float

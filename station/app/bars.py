@@ -69,6 +69,7 @@ def brief(condition: Condition) -> str:
 
 
 def _why(state: DeviceState) -> str:
+    """Why a device cannot be used, and the last reported position of a stage."""
     last = ", ".join(f"{label(axis)} {position_text(axis, place)}" for axis, place in state.places.items())
     return brief(state.condition) + (f" (last position: {last})" if last else "")
 

@@ -64,6 +64,7 @@ def sixel(indices: Pixels) -> str:
 
 
 def _band(band: npt.NDArray[np.int16]) -> Iterator[str]:
+    """The sixels of every colour of a band, equal ones counted."""
     for colour in np.unique(band[band >= 0]).tolist():
         bits = ((band == colour) << np.arange(6)[:, None]).sum(axis=0)
         ends = np.flatnonzero(np.diff(bits, append=-1)) + 1

@@ -141,6 +141,7 @@ class Picture(Drawn):
         return (*rows, _text_strip(printable(words)))
 
     def _in_pixels(self, terminal: Graphics, width: int, height: int) -> list[Strip]:
+        """The lines of a picture in the terminal's graphics: placeholders, or blanks over which sixels are drawn."""
         from station.app import terminal_graphics as graphics
 
         assert self.picture is not None

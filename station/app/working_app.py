@@ -115,6 +115,7 @@ class WorkingApp(App[int]):
             job.wait(timeout_s)
 
     def _fatal_error(self) -> None:
+        """After an unexpected error, stop the bench and show a sentence, or the traceback on request."""
         self._halt()
         if os.environ.get(TRACEBACK) or self._exception is None or self.is_headless:
             super()._fatal_error()
@@ -414,6 +415,7 @@ class WorkingApp(App[int]):
 
 
 def _load(lab: StationLab) -> tuple[Mapping[str, str], Sequence[SessionSummary]]:
+    """Import the modules of screens and runs, and read the sessions; in a thread."""
     import station.app.screens.bench
     import station.app.screens.focus
     import station.app.screens.guide

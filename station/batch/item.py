@@ -169,6 +169,7 @@ class ChangedMeanwhile(Exception):
 
 
 def _measure(item: Item, job: Job, files: Mapping[Path, str], row: ItemRow, place: ResultFolder) -> ItemRow:
+    """Measure an item and write its result; `row` states its files."""
     start, batch = time.perf_counter(), job.procedure
     procedure = batch.procedure
     paths = [Path(os.path.commonpath(item.paths))] if procedure.inputs is Inputs.FOLDER else item.paths
@@ -252,6 +253,7 @@ def plane_row(record: PlaneResult) -> PlaneRow:
 
 
 def _failure(item: Item, error: Exception) -> ItemRow:
+    """The row of an error: an unreadable file, a refused measurement, or a fault of this program."""
     if isinstance(error, ProcedureError):
         verdict = UNREADABLE if isinstance(error, BadInput) else REFUSED
         return ItemRow(item.files, verdict, encodable(error.reason), encodable(error.remedy))

@@ -118,6 +118,7 @@ class ProcedureTable(SpecificationTable):
 
 
 def _file_model(procedure: Procedure[Any]) -> type[ProcedureTable]:
+    """The keys of a procedure's file: those of every one, its tables of settings, and settings outside of them."""
     known = {one.name for one in fields_of(procedure.Settings)}
     extra: list[Any] = [(name, Any, None) for name in AT_THE_TOP if name in known]
     extra += [(name, dict[str, Any], field(default_factory=dict)) for name in _tables(known)]
@@ -131,6 +132,7 @@ def _file_model(procedure: Procedure[Any]) -> type[ProcedureTable]:
 
 
 def _tables(known: Collection[str]) -> dict[str, Collection[str]]:
+    """The tables of settings that a procedure has, and their keys."""
     tables = {name: keys for name, keys in TABLES.items() if set(keys) <= set(known)}
     return {**tables, "parameters": known, "settings": known}
 

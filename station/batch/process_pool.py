@@ -246,6 +246,7 @@ def _feed(
     workers: list[_Worker[I, J, R]], waiting: deque[int], items: Sequence[I], make: Callable[[], _Worker[I, J, R]],
     jobs: int,
 ) -> None:  # fmt: skip
+    """Give waiting items to idle processes, and to new ones up to `jobs`."""
     for worker in workers[:jobs]:
         if waiting and worker.busy is None:
             worker.give(number := waiting.popleft(), items[number])
@@ -273,6 +274,7 @@ def _send(pipe: Connection[Any, Any], outgoing: SimpleQueue[bytes | None]) -> No
 
 
 def _serve(pipe: Connection[Any, Any], allowance: Allowance) -> None:
+    """Main loop of a worker: one item after the other, until an empty message."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent decides
     threading.Thread(target=_end_with_parent, daemon=True).start()
     try:

@@ -89,6 +89,7 @@ class StoredRows(Sequence[ItemRow]):
 
     @property
     def _numbers(self) -> list[int]:
+        """The numbers of the items in their order, sorted when one has been added."""
         if self._sorted is None:
             self._sorted = sorted(self._at)
         return self._sorted
@@ -219,6 +220,7 @@ Line = tuple[list[str], list[Any], list[float | None]]
 
 
 def _lines(rows: Iterable[ItemRow], units: Mapping[str, str]) -> Iterator[Line]:
+    """Texts of `HEAD`, settings of `NOTED`, and numbers of every plane, or of an item without planes."""
     for row in rows:
         planes: list[tuple[str, PlaneRow | None]] = [*row.planes.items()] or [("", None)]
         for name, plane in planes:
@@ -244,5 +246,6 @@ def _unit(column: str, units: Mapping[str, str]) -> str:
 
 
 def _with_unit(column: str, units: Mapping[str, str]) -> str:
+    """A heading with the unit of its number, if it has one."""
     unit = _unit(column, units)
     return column if unit in ("", "1") else f"{column} [{unit}]"

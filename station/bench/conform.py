@@ -283,6 +283,7 @@ def operate(rig: StageRig, rng: np.random.Generator, fault: str) -> None:
 
 
 def _check(rig: StageRig, where: str, goal: Mapping[str, float] | None) -> None:
+    """Nothing moves on a line that works, a move that succeeded is at its goal, what is reported is true."""
     plugged = rig.cable is None or not rig.cable.faults.unplugged(rig.clock.now_s())
     works = plugged and rig.stage.condition().word != "not connected"
     if goal is not None and "reset" not in where:

@@ -239,6 +239,7 @@ def make_bench(
 
 
 def _depth(devices: Mapping[str, DriverOptions], name: str) -> int:
+    """Number of devices that must be created before this one, in sequence."""
     return max((1 + _depth(devices, other) for _, other, _ in named(devices[name])), default=0)
 
 

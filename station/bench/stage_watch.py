@@ -59,6 +59,7 @@ class StageWatch:
         return DeviceState(name, Condition(self._under_way(name, motion, here)), moving=True, places=here)
 
     def _ask(self, name: str) -> None:
+        """Read the position from the line; if it does not answer, the last one is kept."""
         stage: Any = self.bench.devices[name]
         with suppress(DeviceError):
             self._last_places[name] = dict(stage.position())

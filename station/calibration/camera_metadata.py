@@ -76,11 +76,13 @@ def exposure_of(frames: Sequence[RawFrame]) -> Exposure | None:
 
 
 def _tiff_part(data: bytes) -> bytes:
+    """The part of a file in TIFF layout: all of it, or a PNG's eXIf chunk."""
     at = data.find(b"eXIf") if data[:4] == b"\x89PNG" else -1
     return data[at + 4 :] if at >= 0 else data
 
 
 def _entries(data: bytes, order: str, at: int) -> Iterator[tuple[int, Entry]]:
+    """The entries of the directory at an offset, with little-endian numbers."""
     (count,) = struct.unpack_from(order + "H", data, at)
     for i in range(count):
         tag, kind, n = struct.unpack_from(order + "HHI", data, at + 2 + 12 * i)

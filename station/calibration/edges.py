@@ -100,6 +100,7 @@ def _probable(edge: EdgeMtf) -> dict[str, float]:
 
 
 def _numbers(edge: EdgeMtf, at: Sequence[float]) -> dict[str, Quantity]:
+    """An edge's numbers, and its MTF at frequencies in cycles per pixel of the plane."""
     return {**edge.numbers, **{name_at(f): number for f in at if (number := edge.at(f)) is not None}}
 
 
@@ -133,6 +134,7 @@ def _entries(record: EdgeRecord) -> dict[str, Any]:
 
 
 def _edge_entry(outcome: EdgeOutcome, record: EdgeRecord) -> dict[str, Any]:
+    """One edge: verdict and position; unless it is refused, its numbers and the details of the measurement."""
     roi, edge, result = outcome.roi, outcome.value, record.result
     entry: dict[str, Any] = {
         **verdict_entry(outcome),

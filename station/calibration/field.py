@@ -155,6 +155,7 @@ def _reached(field: PsfField, u: float, v: float) -> bool:
 def _numbers(
     field: PsfField, u: float, v: float, at: Sequence[float], limit: Diffraction | None
 ) -> dict[str, Quantity]:
+    """All numbers of the PSF at a place, and those about the radius, with the field's own error in them."""
     x, y = _position(field, u, v)
     psf, n = field.at(x, y), len(field.nodes)
     numbers = dict(assess(psf, n=n, diffraction=limit, at=at).numbers)

@@ -26,6 +26,7 @@ def photographs(folder: Path) -> list[Path]:
 
 
 def _plain(folder: Path) -> list[Path]:
+    """The photographs that lie in the folder itself, or in its `originals`, by name."""
     place = folder / ORIGINALS if (folder / ORIGINALS).is_dir() else folder
     paths = (path for path in place.iterdir() if path.suffix.lower() in RAW_SUFFIXES | GREY_SUFFIXES)
     return sorted(path for path in paths if not path.is_dir() and not path.name.startswith("."))

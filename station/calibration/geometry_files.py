@@ -130,6 +130,7 @@ def _entries(geometry: Geometry) -> dict[str, Any]:
 
 
 def _write_camera(geometry: Geometry, head: RecordHead, scale: ChartScale | None, path: Path) -> None:
+    """camera.h5: the camera alone, with the budget of its numbers and the record of the chart's scale."""
     camera, outcome = geometry.camera, Outcome(geometry)
     part = CameraPart("geometry", camera.names, camera.units, camera.params, geometry.covariance, "the chart's views")
     provenance = {"input": json.dumps([asdict(one) for one in head.input]), "parameters": json.dumps(head.parameters)}
@@ -138,6 +139,7 @@ def _write_camera(geometry: Geometry, head: RecordHead, scale: ChartScale | None
 
 
 def _points(geometry: Geometry) -> npt.NDArray[np.float64]:
+    """Every point: view, node, x, y, variance of x, covariance, variance of y."""
     views = [one.view for one in geometry.views]
     return np.concatenate([
         np.column_stack([np.full(len(view), i), view.index, view.points, view.covariance.reshape(-1, 4)[:, [0, 1, 3]]])

@@ -99,6 +99,7 @@ def calibrate_wall(
 def _of_wall(
     frames: Sequence[RawFrame], name: str, parameters: TwoPhotoParameters, diffraction: Diffraction | None
 ) -> Outcome[TwoPhotoPsf]:
+    """The outcome of one plane; refused where other settings than distance and focus differ."""
     from procedures.two_photo.several import estimate_psf_of_wall  # a slow import
     from procedures.two_photo.trust import check_settings
 
@@ -146,6 +147,7 @@ def plane_result(plane: Plane, outcome: Outcome[Any], exposure: Exposure | None 
 
 
 def _place(plane: Plane, estimate: PatternPsf | CombinedPsf | TwoPhotoPsf) -> str:
+    """Position of the chart in the frame; "" without a chart."""
     if not estimate.charts:
         return ""
     x, y = np.mean([np.nanmean(chart.marks, axis=0) for chart in estimate.charts], axis=0).tolist()
@@ -174,6 +176,7 @@ def diffraction_limit(
 
 
 def _missing(*, pitch: bool, aperture: bool) -> BadParameter:
+    """The error for missing inputs of the physics of a PSF."""
     inputs = (
         (pitch, "the sensor's pitch", "--pixel-pitch-um"),
         (aperture, "the f-number, which the camera did not record", "--f-number"),

@@ -112,5 +112,6 @@ def profile_for(exposure: Exposure) -> Path:
 
 
 def _magnification_off(wanted: Exposure, other: Exposure) -> float:
+    """Difference of the image scales by focus; 0 where it is unknown."""
     focal, ours, theirs = wanted.focal_length_mm, wanted.subject_distance_mm, other.subject_distance_mm
     return abs(focal / ours - focal / theirs) if focal and ours and theirs else 0.0

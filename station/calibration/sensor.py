@@ -185,6 +185,7 @@ def _step(numbers: Numbers) -> float:
 
 
 def _once(levels: Sequence[LightLevel], of: Callable[[LightLevel], float]) -> tuple[LightLevel, ...]:
+    """The levels in order, the first of each: that of the ladder where a stack repeats it."""
     first: dict[float, LightLevel] = {}
     for level in levels:
         first.setdefault(of(level), level)

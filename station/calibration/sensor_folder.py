@@ -76,6 +76,7 @@ def _is_file(path: Path) -> bool:
 
 
 def _listed(folder: Path, missed: Callable[[Miss], object]) -> list[Shots]:
+    """The pictures from a manifest, a descriptor, or the camera's metadata."""
     if (path := folder / "sensor.toml").is_file():
         return _from_toml(path)
     if (path := folder / "sensor.csv").is_file():

@@ -97,6 +97,7 @@ def _check_iso(record: Mapping[str, Any], source: str, iso: float | None) -> Non
 
 
 def _noise(record: Path, plane: Mapping[str, Any]) -> NoisePower | None:
+    """The noise spectrum next to the record; None where it was not measured, or its file is missing."""
     from procedures.reading.arrays import read_npy
     from procedures.sensor.spectrograms import LEAST_SIDE, NoisePower
 

@@ -106,6 +106,7 @@ def spectral_difference(one: RawFrame, other: RawFrame) -> tuple[float, float]:
 
 
 def _spectral_change(one: RawFrame, other: RawFrame) -> Array:
+    """Logarithm of the second spectrum over the first, (bands, sectors), apart from their light."""
     logs = [np.log(band_powers(_centre(frame))) / 2 for frame in (one, other)]
     change = logs[1] - logs[0]
     return np.asarray(change - change[0].mean())

@@ -108,6 +108,7 @@ def plane_table(stored: StoredRecord, name: str, what: str, columns: int) -> Arr
 
 
 def _views(stored: StoredRecord, prefix: str, entries: list[Mapping[str, Any]], nodes: int) -> tuple[ChartView, ...]:
+    """The views with their points: columns view, node, x, y, variance of x, covariance, variance of y."""
     table = plane_table(stored, prefix + POINTS, "points", 7)
     index = table[:, :2].astype(np.int64)
     if index.min(initial=0) < 0 or index[:, 1].max(initial=0) >= nodes:

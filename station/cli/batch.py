@@ -121,6 +121,7 @@ def carry_out(
 
 
 def _summarise(done: Batch) -> None:
+    """Write the procedure's own summary of the batch, if it has one."""
     from station.common.durable_files import write_whole
 
     procedure = done.job.procedure.procedure
@@ -173,6 +174,7 @@ def _stopped(out: Path) -> Iterator[None]:
 
 @contextmanager
 def _reporter(total: int) -> Iterator[Callable[[ItemRow], None]]:
+    """Report every row with rate and remaining time: a bar on a terminal, lines otherwise."""
     import time
 
     from station.common.progress import StepRate, bar
@@ -208,6 +210,7 @@ def _sentence(row: ItemRow) -> str:
 
 
 def _show(done: Batch) -> None:
+    """Print the planes' statistics, the failed photographs with their reasons, and the counts."""
     from rich.console import Console
 
     from station.results.comparison import measurement_words

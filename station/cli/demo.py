@@ -77,6 +77,7 @@ def plane_lines(result: Result) -> list[str]:
 
 
 def _render(out: Path, seed: int) -> None:
+    """Render the scenes in depth into their own folder; films there are reused."""
     from station.demo.rendered import PAGE, RenderPlan, rendered_demo, steps
 
     plan = RenderPlan(seed=seed)

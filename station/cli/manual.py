@@ -66,6 +66,7 @@ def manual(context: click.Context, topic: tuple[str, ...], folder: Path | None, 
 
 
 def _printed(program: click.Command, words: Sequence[str]) -> str:
+    """The text that a command writes to stdout; what it logs is not shown."""
     out = io.StringIO()
     with redirect_stdout(out), redirect_stderr(io.StringIO()), suppress(SystemExit):
         program.main(list(words), prog_name="station")

@@ -116,6 +116,7 @@ class ListCommand(StationCommand):
 
 
 def _option(one: ModelField) -> Any:
+    """A setting as an option; if it is not given, the default of the model applies."""
     flags = [one.option, one.name]
     shown = f"{one.description}  [default: {one.default}]" if one.default not in (None, False, ()) else one.description
     if one.kind is bool and one.default is None:
@@ -155,6 +156,7 @@ def _type(field: ModelField) -> click.ParamType[Any]:
 
 
 def _measure(procedure: Procedure[Any], paths: Sequence[Path], chosen: dict[str, Any], given: dict[str, Any]) -> None:
+    """Measure, write, report, and exit with the code of the verdict."""
     done = list(_results(procedure, paths, chosen, given))
     finish([plane for planes, _, _ in done for plane in planes], "".join(text for _, text, _ in done),
            as_json=given["as_json"], strict=given["strict"])  # fmt: skip
@@ -178,6 +180,7 @@ def _run_batch(procedure: Procedure[Any], paths: Sequence[Path], chosen: dict[st
 def _results(
     procedure: Procedure[Any], paths: Sequence[Path], chosen: dict[str, Any], given: dict[str, Any]
 ) -> Iterator[tuple[Sequence[PlaneResult], str, bool]]:
+    """Planes and record of every result without large arrays, and whether an input was unusable."""
     from station.calibration.field_photographs import photographs
     from station.results.measurement import write_measurement
     from station.results.result_files import ResultFolder

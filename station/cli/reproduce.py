@@ -82,6 +82,7 @@ def reproduce(
 
 
 def _table(result: Reproduction) -> Table:
+    """One line for each row, and below it each value that is outside the paper's claim."""
     from rich.table import Table
     from rich.text import Text
 

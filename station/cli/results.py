@@ -50,6 +50,7 @@ def explain(result: Path, twin: bool, strict: bool, as_json: bool) -> None:
 
 
 def _explained(folder: Path, *, twin: bool) -> tuple[dict[str, Any], list[str], list[str]]:
+    """The explanation of a result: entry of the record, lines, and verdicts."""
     from station.results.explanation import PREDICTED, TWIN, explain_result
     from station.results.reader import read_result, record_of
 

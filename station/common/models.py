@@ -325,6 +325,7 @@ def _table(model: type[T], value: Any, source: TableSource, path: KeyPath) -> T:
 
 
 def _rows(one: ModelField, value: Any, source: TableSource, path: KeyPath) -> tuple[Any, ...]:
+    """A list of tables, at least one if it is required."""
     good = isinstance(value, list) and all(isinstance(row, Mapping) for row in value)
     if not good or (one.required and not value):
         least = " with at least one row" if one.required else ""

@@ -24,6 +24,7 @@ AGREES = {True: "ok", False: "DIFFERS", None: "not compared"}
 
 
 def _cryptography() -> Any:
+    """The parts of cryptography in use. Raises BadInput if it is not installed."""
     try:
         from cryptography import exceptions
         from cryptography.hazmat.primitives import serialization
@@ -48,6 +49,7 @@ def create_key(path: Path) -> None:
 
 
 def _key(path: Path) -> Any:
+    """The private key of a file. Raises BadInput."""
     ed25519, serialization, _ = _cryptography()
     try:
         key = serialization.load_pem_private_key(path.read_bytes(), password=None)

@@ -151,6 +151,7 @@ def _shoot(
     root: Path, setup: Staging, chart: Source, parameters: PatternParameters, rng: np.random.Generator,
     progress: Progress,
 ) -> DemoPhotograph:  # fmt: skip
+    """One photograph, from the scene to the result files of its planes."""
     start = time.perf_counter()
     path = Path("photographs", f"{setup.name}.dng")
     (root / path).parent.mkdir(exist_ok=True)
@@ -259,6 +260,7 @@ def _places(demonstration: Demonstration) -> list[Any]:
 
 
 def _pictures(shot: DemoPhotograph, name: str) -> Mapping[str, Any]:
+    """Figures of one photograph: of its shown plane, and of every plane."""
     pictures: dict[str, Any] = {"planes": {}}
     for plane in shot.planes:
         estimate, against = plane.result.estimate, plane.comparison

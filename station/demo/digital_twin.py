@@ -95,6 +95,7 @@ def _effects(
     spread: Callable[..., float], now: tuple[float, ...], changes: Mapping[str, tuple[float, ...]],
     terms: Sequence[str] = ("noise",),
 ) -> Effects:  # fmt: skip
+    """The effects on the terms, by the twin's uncertainty `spread` now and after each change."""
     before = spread(*now)
     return {words: dict.fromkeys(terms, spread(*change) / before) for words, change in changes.items()}
 
@@ -211,6 +212,7 @@ def sensor_effects(plane: Entry) -> Effects:
 
 
 def _gain_uncertainty(model: Mapping[str, float], side: int, pictures: int, levels: int) -> float:
+    """Standard uncertainty of the gain by `pictures` at each of the levels of a sensor with `side` rows and columns."""
     rng = np.random.default_rng(SEEDS[0])
     gain, dark, top, variance = (float(model[name]) for name in ("gain", "dark_level", "saturation", "dark_variance"))
 

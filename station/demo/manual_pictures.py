@@ -98,6 +98,7 @@ def manual_pictures(printed: Callable[[Sequence[str]], str], progress: Progress 
 
 
 def _of_page(page: str, begins: Mapping[str, str]) -> Pictures:
+    """The figures of a page by the name of a picture and the beginning of their caption."""
     drawn = {unescape(one[1]): (".svg", _file_of(one[0])) for one in DRAWING.finditer(page)}
     drawn |= {unescape(one[2]): (".png", base64.b64decode(one[1])) for one in IMAGE.finditer(page)}
     pictures = {}
@@ -112,6 +113,7 @@ def _file_of(drawing: str) -> bytes:
 
 
 def _measured(name: str, paths: Sequence[Path], out: Path, **settings: object) -> str:
+    """The page of a procedure's measurement, whose files are written too."""
     procedure = procedure_named(name)
     given = read_model(procedure.Settings, settings, TableSource())
     return _written(name, next(iter(procedure.measurements(paths, given))), out)
@@ -161,6 +163,7 @@ def _pattern(folder: Path) -> Pictures:
 
 
 def _witnessed(folder: Path) -> Pictures:
+    """The four photographs with witnesses, and the agreement of the PSF with those of two more photographs."""
     chart, quick = Source.from_seed().chart, {"plane": SHOWN_PLANE, "s": 3, "k": 13}
     far, near = SETUP, replace(SETUP, s_over_t=1.5, rows=510, columns=510)
     shots = (far, 0.5, 0), (far, 1, 0), (near, 1, 0), (far, 1, 0.6), (far, 1, 0), (far, 1, 0)
@@ -183,6 +186,7 @@ def _series(folder: Path) -> Pictures:
 
 
 def _guided(plan: str, begins: Mapping[str, str]) -> Callable[[Path], Pictures]:
+    """A part from the page of a guided session on the simulated bench."""
 
     def part(folder: Path) -> Pictures:
         ended, _ = run_guided(folder / plan, 1, lambda sentence, remedy: None, plan)
@@ -193,6 +197,7 @@ def _guided(plan: str, begins: Mapping[str, str]) -> Callable[[Path], Pictures]:
 
 
 def _field(folder: Path) -> Pictures:
+    """A frame with a chart at six places, and its correction by the field."""
     sensor = Sensor(280, 310, None, bits=16, full_well_e=5.2e5, gain_e_per_dn=8.0)
     camera = SimulatedCamera(sensor=sensor, pitch_um=7.5, white_e_per_s=2e7, oversampling=5)
     places = [(x, y) for y in (0.25, 0.75) for x in (0.18, 0.5, 0.82)]
@@ -209,6 +214,7 @@ def _field(folder: Path) -> Pictures:
 
 
 def _vignetting(folder: Path) -> Pictures:
+    """Four flats of light that falls off with the fourth power of the cosine."""
     y, x = np.mgrid[-1:1:96j, -1:1:128j]
     rng = np.random.default_rng(7)
     light = 0.5 * np.cos(np.arctan(0.45 * np.hypot(x, 0.75 * y))) ** 4
@@ -217,6 +223,7 @@ def _vignetting(folder: Path) -> Pictures:
 
 
 def _tilt(folder: Path) -> Pictures:
+    """Best focus at nine places behind a sensor of known slopes."""
     places = np.array([(x, y) for y in (-10.0, 0.0, 10.0) for x in (-15.0, 0.0, 15.0)])
     x, y = places.T
     heights = 2 + 1.5 * x - 0.5 * y + 0.02 * x**2 + np.random.default_rng(8).standard_normal(9)
@@ -243,6 +250,7 @@ def _restoration(folder: Path) -> Pictures:
 
 
 def _rays(folder: Path) -> Pictures:
+    """A render of 16 samples per pixel: a step of light, the samples distributed exponentially."""
     light = np.where(np.hypot(*np.mgrid[-1:1:64j, -1:1:80j]) < 0.6, 0.9, 0.25)[..., None, None]
     np.savez(folder / "film.npz", samples=light * np.random.default_rng(5).exponential(1.0, (64, 80, 16, 3)))
     page = _measured("rays", [folder / "film.npz"], folder / "filtered")
@@ -269,6 +277,7 @@ def _batch(folder: Path) -> Pictures:
 
 
 def _library(folder: Path) -> Pictures:
+    """The plot and the page of an edge in a dump of a sensor."""
     y, x = np.mgrid[:80, :60]
     away = (x - 29.5 - np.tan(np.radians(5.5)) * (y - 39.5)) * np.cos(np.radians(5.5))
     light = 0.1 + 0.7 * ndtr(away / 0.7) + 0.004 * np.random.default_rng(10).standard_normal(x.shape)
@@ -288,6 +297,7 @@ def _reproduced(folder: Path) -> Pictures:
 
 
 def _trend(folder: Path) -> Pictures:
+    """MTF50 of a lens that loses its adjustment, in eight sessions."""
     rng, measured = np.random.default_rng(11), []
     for month in range(1, 9):
         value = 0.31 - 0.004 * month + 0.002 * rng.standard_normal()
@@ -298,6 +308,7 @@ def _trend(folder: Path) -> Pictures:
 
 
 def _geometry(folder: Path) -> Pictures:
+    """Six views of a lens with known distortion, and of a second camera 60 mm to its right."""
     lens = simple_camera("OPENCV", (5200.0, 5204.0), (3012.0, 1989.0), (6000, 4000))
     lens = replace(lens, params=np.array([*lens.params[:4], -0.12, 0.06, 4e-4, -3e-4]))
     page, _ = (_six_views(lens, 60.0 * n, folder / name) for n, name in enumerate(("left", "right")))
@@ -305,6 +316,7 @@ def _geometry(folder: Path) -> Pictures:
 
 
 def _six_views(lens: CameraModel, to_right_mm: float, out: Path) -> str:
+    """The page of the geometry of a camera displaced to the right, whose files are written too."""
     rng, nodes, records = np.random.default_rng(12), chart_nodes(CELL_MM), []
     for n, place in enumerate([(0.5, 0.5), (0.25, 0.3), (0.75, 0.3), (0.25, 0.7), (0.75, 0.7), (0.5, 0.35)]):
         tilt = Rotation.from_rotvec(0.5 * np.array([np.cos(2.4 * n), np.sin(2.4 * n), 0]))
@@ -320,6 +332,7 @@ def _six_views(lens: CameraModel, to_right_mm: float, out: Path) -> str:
 
 
 def _phone(folder: Path) -> Pictures:
+    """The newest photograph as the service sends it, with the chart's outline as it is and as it is wanted."""
     path = folder / "phone.dng"
     photograph(SETUP, Chart.from_seed(), np.random.default_rng(13), path)
     plane = read_frame(path).planes[SHOWN_PLANE].samples
@@ -348,6 +361,7 @@ def self_contained(svg: str) -> str:
 
 
 def _screens(folder: Path) -> Pictures:
+    """The application on the simulated bench: the plans, the devices, and live focus."""
     lab = StationLab(sessions=folder / "sessions", config=None, simulate=True)
     lab.virtual_time = True
 
@@ -395,6 +409,7 @@ ROWS_SHOWN, COLUMNS_SHOWN = 26, 92
 
 
 def _terminal_pictures(folder: Path, printed: Callable[[Sequence[str]], str]) -> Pictures:
+    """The text that every command of `COMMANDS` writes, as a terminal shows it."""
     printed(["mtf", "edge", "dump.raw", "--raw", DUMP, "--certificate", "--out", "certified"])
     session = next(one.name for one in (folder / "edge").iterdir() if one.is_dir())
     pictures: Pictures = {}

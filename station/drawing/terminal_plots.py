@@ -106,6 +106,7 @@ def _draw(canvas: _Canvas, curve: TerminalCurve, frame: TerminalFrame) -> None:
 
 
 def _trace(canvas: _Canvas, x: Array, y: Array, frame: TerminalFrame, *, letter: str, every: int) -> None:
+    """A line from column to column, filled where it is steep; half of every `every` columns are skipped."""
     first, last = _columns(canvas, np.array([x[0], x[-1]]), frame)
     columns = np.arange(max(first, 0), min(last, canvas.dots.shape[1] - 1) + 1)
     if not len(columns):
@@ -134,5 +135,6 @@ def _rows(canvas: _Canvas, y: Array, frame: TerminalFrame) -> Cells:
 
 
 def _placed(share: Array, n: int) -> Cells:
+    """Fractions of an axis as dots; points beyond an end are one dot beyond it."""
     near = np.clip(share, -1.0, 2.0)
     return np.asarray(np.clip(np.rint(near * (n - 1)), -1, n), dtype=np.int64)

@@ -104,6 +104,7 @@ class ActiveDevices:
         self.bench.motions.home(name, self._not_stopped)
 
     def _move(self, name: str, stage: Any, places: Mapping[str, float]) -> None:
+        """Move a stage to those of the positions that are on its axes."""
         assert self.bench is not None
         targets = {axis: places[axis] for axis in stage.travel() if axis in places}
         if targets:

@@ -67,6 +67,7 @@ class GuidedProcedure:
 
 
 def _imported(module: str, name: str) -> Callable[..., Any]:
+    """A function of a module that is imported at the first call."""
     return lambda *given: getattr(import_module(module), name)(*given)
 
 

@@ -59,6 +59,7 @@ def check_certificate(path: Path, originals: Path | None = None, signer: Path | 
 
 
 def _signature_check(path: Path, digest: str, signer: Path | None) -> ProofCheck:
+    """Whether the file is as it was signed, and by whom."""
     try:
         statement, signature = (read_own(path.with_name(name)) for name in (STATEMENT, SIGNATURE))
     except OSError:
@@ -71,6 +72,7 @@ def _signature_check(path: Path, digest: str, signer: Path | None) -> ProofCheck
 
 
 def _result_of(folder: Path, digest: str) -> Path | None:
+    """The folder of the record with the digest: this one, or that of a result of the session in it."""
     for one in (folder, *sorted(folder.glob(f"{DERIVED}/*"))):
         try:
             if record_digest(read_record(one)) == digest:
@@ -81,6 +83,7 @@ def _result_of(folder: Path, digest: str) -> Path | None:
 
 
 def _session_checks(folder: Path) -> Iterator[ProofCheck]:
+    """A session keeps its photographs, and its journal the hashes of everything."""
     session, results = folder.parents[1], sorted(folder.parent.iterdir(), key=lambda one: (len(one.name), one.name))
     try:
         (again,) = recompute(session, (results.index(folder) + 1,))
@@ -130,6 +133,7 @@ def _result_checks(measurement: Measurement, originals: Path | None) -> Iterator
 
 
 def _number_check(count: int, differences: Sequence[tuple[str, float]], verdicts: Sequence[str]) -> ProofCheck:
+    """The check of numbers that differ by fractions of their uncertainties, and of planes with another verdict."""
     moved = sorted((difference for difference in differences if difference[1] > SAME_SIGMAS), key=lambda one: -one[1])
     if not moved and not verdicts:
         return ProofCheck("numbers", True, f"{count} of {count} computed again and equal")

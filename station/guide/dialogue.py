@@ -94,6 +94,7 @@ class Conversation:
         raise Stopped
 
     def _with_copies(self, ask: Ask, answer: Fact) -> Fact:
+        """The answer with the files that it names replaced by the session's copies."""
         parts = [part.strip() for part in answer.split(FILE_SEPARATOR)] if isinstance(answer, str) else []
         if not any(map(ask.names_file, parts)):
             return answer

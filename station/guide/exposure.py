@@ -86,6 +86,7 @@ class PhotographRecorder:
         return preview_of(self.rig.expose()), facts
 
     def _settled(self) -> VibrationLevel | None:
+        """Wait until the rig has settled; without the IMU if it fails."""
         self.talk.doing("waiting until the rig is still")
         try:
             return self.settling.wait()
@@ -135,6 +136,7 @@ class PhotographRecorder:
                 self.talk.notify(ProblemEvent(caveat.reason, caveat.remedy))
 
     def _expose_moving(self, shake: Shake | None) -> tuple[ExposedFile, dict[str, Any]]:
+        """One photograph while the rig moves, and the record of the motion."""
         path = None if shake is None else self.rig.start_shaking(shake)
         if path is None:
             exposure, block = self._expose_with_imu()
@@ -152,6 +154,7 @@ class PhotographRecorder:
 
     @contextmanager
     def _after_exposure(self, consequence: str = "") -> Iterator[None]:
+        """Report device errors: the photograph was taken and must be stored."""
         try:
             yield
         except DeviceError as error:

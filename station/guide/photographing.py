@@ -158,6 +158,7 @@ class PhotographRequests:
         self._talk.notify(FrameEvent(frame.planes[name], advice, hold_s))
 
     def _action(self, advice: Advice, frame: RawFrame) -> AdviceAction:
+        """How the advice is carried out: by the bench or the camera's cable where possible, else by hand."""
         if advice.good:
             return AdviceAction(advice)
         exposure_s = frame.exposure.exposure_s
@@ -205,6 +206,7 @@ class PhotographRequests:
         return coach
 
     def _by_hand(self, advice: Advice, why: str = "", coach: Coach | None = None) -> None:
+        """Ask the operator to do it. Somebody is at the rig then: the next move needs a new approval."""
         self._talk.by_hand(advice, why, coach)
         self._approval.withdraw()
         self._recorder.settling.moved()
@@ -238,6 +240,7 @@ class PhotographRequests:
             self._set(scan, here + advice.moves.get(scan.axis, 0.0), here)
 
     def _set(self, scan: Scan, place: float, here: float) -> None:
+        """Move the axis to a position, by the bench or by hand."""
         if scan.axis in self._rig.axes():
             self._go_to({scan.axis: place})
         elif place != here:
@@ -259,6 +262,7 @@ class PhotographRequests:
             self._talk.doing(f"{shoot.most} shots taken; continuing with those that count", lasts=True)
 
     def _earlier(self, purpose: str) -> list[SessionShot]:
+        """The shots of this step and purpose that count, or were not checked before the interruption."""
         shots = self._session.state.shots
         return [s for s in shots if (s.step, s.purpose) == (self.step, purpose) and s.counts is not False]
 
@@ -277,6 +281,7 @@ class PhotographRequests:
             self._talk.notify(GoalEvent(goal))
 
     def _judge(self, shoot: Shoot, taken: RecordedPhotograph, results: list[Outcomes]) -> None:
+        """Decide whether a shot counts, and add its estimate to the results."""
         advice = self._talk.attempt(lambda: shoot.check(taken.frame, taken.facts))
         if advice.good:
             self._talk.notify(ProgressEvent(f"estimating from shot {taken.shot.number}"))
@@ -294,6 +299,7 @@ class PhotographRequests:
             self._carry_out(action, shoot.check)
 
     def _record(self, taken: RecordedPhotograph, advice: Advice) -> AdviceAction:
+        """Record whether the shot counts, show it, and derive how to carry out the advice."""
         if advice.good:
             self._talk.learn_from_photograph(advice.facts)
         self._session.judge(taken.shot, advice.good, "" if advice.good else advice.say)

@@ -79,6 +79,7 @@ def _source(key: str, value: float, facts: Facts, frames: Sequence[RawFrame]) ->
 
 
 def _by_size(facts: Facts) -> str:
+    """Evidence on lens, sensor and print: a measurement of their product."""
     known = facts_as(PatternFacts, facts)
     measured = measured_scale(known.looks)
     if measured is not None:

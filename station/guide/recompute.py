@@ -146,6 +146,7 @@ def _recomputed(folder: Path, result: DerivedResult, state: SessionState) -> Rec
 
 
 def _planes_compared(old: Path, new: Path) -> tuple[int, tuple[MovedNumber, ...], tuple[tuple[str, str, str], ...]]:
+    """Count of shared numbers, the numbers that differ, and the planes with different verdicts."""
     try:
         before, now = read_result(old).by_name, read_result(new).by_name
     except BadInput:  # the hashes report what is wrong with the older result

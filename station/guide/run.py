@@ -106,11 +106,13 @@ class Run:
             self.over.set()
 
     def _report_notices(self) -> None:
+        """Report what the session has recovered, and what must be repeated."""
         for notice in self._session.state.notices:
             self._talk.notify(frontend.ProgressEvent(notice, lasts=True))
         self._session.acknowledge_notices()
 
     def _report(self) -> Path | None:
+        """The session's report, written at the end; None without a result."""
         if not self._session.state.results:
             return None
         from station.guide.session_report import REPORTED, session_page  # imported here: it draws, a slow import
@@ -193,6 +195,7 @@ class Run:
         self._talk.take_up()
 
     def _next(self) -> plans.Step | None:
+        """The first incomplete step; unwanted steps before the last completed one are skipped."""
         steps, done, facts = self.plan.steps, self._session.state.done, self._talk.facts
         last = max((n for n, step in enumerate(steps) if step.name in done), default=-1)
         left = (step for n, step in enumerate(steps) if step.name not in done and (n > last or step.when(facts)))
@@ -336,6 +339,7 @@ class Run:
             raise StepReopened
 
     def _photograph_requests(self) -> PhotographRequests:
+        """The photograph requests, with the bench's camera or the operator's own."""
         if self._photographs is None:
             camera: Photographer = self._rig
             if not self._rig.has_camera:

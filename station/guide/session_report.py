@@ -63,6 +63,7 @@ def session_page(folder: Path, result: SessionResult | None = None) -> str:
 
 
 def _with_result(folder: Path) -> SessionRecord:
+    """The session's record. Raises Refused without a result."""
     record = read_session(folder)
     if not record.state.results:
         raise Refused(f"{folder.name} has no result yet", "continue it: station session resume")
@@ -75,6 +76,7 @@ def overlaid_page(folder: Path, overlays: Sequence[Overlay]) -> str:
 
 
 def _drawn(report: Report) -> str:
+    """The page of a report, as PSFs require it or with the curves and numbers of any other procedure."""
     return measurement_page(report) if entry_named(report.procedure).general else psf_page(report)
 
 
@@ -184,6 +186,7 @@ def _report(record: SessionRecord, state: SessionState, result: SessionResult) -
 
 
 def _fields(estimate: object) -> Iterator[tuple[str, PsfField]]:
+    """The PSF over the frame by plane, of an estimate of a field."""
     from procedures.field.conclusion import FieldResult
 
     if isinstance(estimate, FieldResult):
@@ -191,6 +194,7 @@ def _fields(estimate: object) -> Iterator[tuple[str, PsfField]]:
 
 
 def _shots(state: SessionState, exposures: Mapping[str, Exposure]) -> Iterator[ReportShot]:
+    """The photographs of the result, then those that do not count, with the reason."""
     for shot in sorted(state.shots, key=lambda shot: not shot.counts):
         exposure = exposures.get(shot.sha256) if shot.counts else None
         words = exposure_words(exposure) if exposure else ""
@@ -200,6 +204,7 @@ def _shots(state: SessionState, exposures: Mapping[str, Exposure]) -> Iterator[R
 
 
 def _conditions(state: SessionState) -> Iterator[ReportLine]:
+    """Range of every reported device value over the shots that count."""
     values_of: dict[str, list[float]] = {}
     for shot in state.counting():
         for name, value in {**shot.snapshot.get("axes", {}), **shot.snapshot}.items():

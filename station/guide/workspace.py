@@ -149,6 +149,7 @@ class StationLab:
         return self._run(session, operator)
 
     def _check_bench(self, folder: Path) -> None:
+        """Raises BadParameter where the session began on another bench."""
         from station.bench.device_models import bench_differences
         from station.sessions.layout import read_config
 
@@ -176,6 +177,7 @@ class StationLab:
             fit_shaker(self._bench, wanted=wanted)
 
     def _settings(self, bench: Bench | None) -> dict[str, Any]:
+        """Settings frozen in a session: the bench's configuration, the unit of its results and the specification."""
         drivers = dict(bench.drivers) if bench is not None else {}
         file = None if self._config is None or self._simulate else str(self._config.resolve())
         settings = {"simulate": self._simulate, "file": file, "drivers": drivers, "devices": self._tables}
@@ -206,6 +208,7 @@ class StationLab:
                 delete_session(session.folder)
 
     def _one_run(self) -> None:
+        """Raises BadParameter while a run uses the bench."""
         if self._running is not None and not self._running.over.is_set():
             raise BadParameter("the bench is in use by another run", "end that run first")
 

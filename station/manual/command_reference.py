@@ -59,6 +59,7 @@ def commands_text(program: click.Group, gallery: str = "") -> str:
 
 
 def _commands(command: click.Command, context: click.Context) -> Iterator[tuple[click.Command, click.Context]]:
+    """The command and all its subcommands, in the order of the help."""
     if not isinstance(command, click.Group) or command.invoke_without_command:
         yield command, context
     if isinstance(command, click.Group):

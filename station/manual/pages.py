@@ -57,6 +57,7 @@ def add_formulas(reader: MarkdownIt) -> None:
 
 
 def _math(formula: str, display: str) -> Markup:
+    """MathML, or plain letters where the extra `manual` is not installed."""
     try:
         from latex2mathml.converter import convert
     except ImportError:

@@ -283,6 +283,7 @@ def _unfit(reason: str) -> BadParameter:
 
 
 def _parts(name: str) -> list[str]:
+    """The files in a text; none if it names a model of blur."""
     from procedures.restoration.masks.blur_models import named
     from station.calibration.restoration.inputs import files_in
 

@@ -102,11 +102,13 @@ def restored(
 
 
 def _encoding(frames: Sequence[RawFrame]) -> dict[str, Any]:
+    """Tone curves of developed pictures; empty for linear samples of a sensor."""
     names = dict.fromkeys(frame.development.curve.name for frame in frames if frame.development)
     return {"encoding": " and ".join(names)} if names else {}
 
 
 def _ground_truth(settings: RestoreSettings, path: Path, frames: Sequence[RawFrame]) -> RawFrame:
+    """A photograph of the same planes. Raises BadInput where it cannot be compared with them."""
     names = list(frames[0].planes)
     plane = names[0] if len(names) == 1 else "all"
     truth = msgspec.structs.replace(settings, plane=plane).read(path)
@@ -145,6 +147,7 @@ def _source(
 
 
 def _exposures(settings: RestoreSettings, frames: list[RawFrame]) -> list[float | None]:
+    """Exposure times in seconds, as given, or as recorded in the files."""
     return _repeated(settings.exposure_s, len(frames)) or [frame.exposure.exposure_s for frame in frames]
 
 
@@ -154,6 +157,7 @@ def _later(given: tuple[float, ...], first: float, count: int) -> tuple[float, .
 
 
 def _repeated(given: tuple[Any, ...], count: int) -> list[Any]:
+    """One value per photograph, from one for each or one for all."""
     return [*given] * (1 if len(given) == count else count)
 
 
@@ -170,6 +174,7 @@ def _measured(spec: BlurSpec) -> list[MeasuredShape]:
 
 
 def _finding(motion: Finding) -> str:
+    """An estimate of unknown motion, or a round of its search, in words."""
     if isinstance(motion, SearchRound):
         return f"search of the motion: round {motion.n} of at most {motion.most}"
     if isinstance(motion, FreeKernels):
@@ -231,6 +236,7 @@ def _distances(
 
 
 def _judged(outcome: Outcome[Restoration], distances: Distances) -> Outcome[Restoration]:
+    """The outcome, doubtful where the distance of most of the frame is undetermined."""
     if distances.determined >= MIN_DETERMINED or outcome.reason:
         return outcome
     reason = f"only {distances.determined:.0%} of the frame have a distance, as texture or blur are insufficient"
@@ -258,6 +264,7 @@ def _file_record(settings: RestoreSettings) -> dict[str, Any]:
 
 
 def _blur_record(settings: RestoreSettings, frames: list[RawFrame], spec: BlurSpec, blur: SceneBlur) -> dict[str, Any]:
+    """The settings of the blur, and what was estimated of it."""
     entries: dict[str, Any] = {
         "blur": settings.blur,
         "prototype_region": settings.prototype_region,

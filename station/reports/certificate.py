@@ -156,6 +156,7 @@ def _curves(planes: Sequence[PlaneResult]) -> list[Block]:
 
 
 def _record(report: Report) -> list[Block]:
+    """The digest of the record, as text and as a code."""
     if not report.record:
         return []
     how = f"Record, SHA-256 {report.record}. station verify compares this certificate with its record and originals."
@@ -168,6 +169,7 @@ def _coloured(verdict: str, words: str) -> str:
 
 
 def _limits(planes: Sequence[PlaneResult]) -> list[Block]:
+    """Limits and judgements, those that are not met first; what exceeds the room is counted."""
     limits = [(plane.name, one) for plane in planes for one in comparison(plane).in_short]
     limits.sort(key=lambda one: list(SPECIFICATION).index(str(one[1].judged)), reverse=True)
     words = [f"{name}: {one.words}" for name, one in limits[:MAX_LIMITS]]
@@ -196,6 +198,7 @@ def number_table(planes: Sequence[PlaneResult]) -> Table:
 
 
 def _over_the_frame(report: Report) -> list[Section]:
+    """Numbers at the centre, the sides and the corners of the frame, in each plane with a field."""
     blocks: list[Block] = []
     for plane in report.planes:
         if (field := report.fields.get(plane.name)) is None:

@@ -138,6 +138,7 @@ def _coloured(match: re.Match[str]) -> str:
 
 
 def _letters(text: str) -> str:
+    """The text in letters that every PDF reader has a font for."""
     for letter, replacement in REPLACEMENTS.items():
         text = text.replace(letter, replacement)
     return text.encode("cp1252", "replace").decode("cp1252")

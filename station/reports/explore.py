@@ -73,6 +73,7 @@ def _uncertain(numbers: Mapping[str, Quantity]) -> dict[str, Quantity]:
 
 
 def _pitch_um(report: Report) -> float | None:
+    """The pitch of the sensor's pixels, as given or recorded by the camera."""
     exposures = [*(frame.exposure for frame in report.frames), *(plane.exposure for plane in report.planes)]
     recorded = (exposure.pixel_pitch_um for exposure in exposures if exposure is not None)
     given = report.parameters.get("pixel_pitch_um")

@@ -162,6 +162,7 @@ def _plane_blocks(plane: PlaneResult, prefix: str) -> list[Block]:
 
 
 def _formulas(geometry: Geometry) -> list[Figure]:
+    """The parametric models fitted to a reference, and the compared degrees of its smoothness."""
     if not geometry.formulas:
         return []
     rows = [

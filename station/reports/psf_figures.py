@@ -101,6 +101,7 @@ def pair_figure(near: Plane, outline: Array, name: str) -> Figure:
 
 
 def _draw_psf(axes: Axes, psf: Psf, samples: Array, title: str, **looks: Any) -> Any:
+    """Samples of a PSF over pixels of the plane, with a colour bar below, which is returned."""
     half = (psf.k / 2) / psf.s
     ticks = (-2, 0, 2) if half >= 2 else (-1, 0, 1)
     bar = picture(axes, samples, extent=(-half, half, half, -half), bar=BELOW, **looks)
@@ -210,6 +211,7 @@ def sigmas_figure(rows: Rows, name: str) -> Figure:
 
 
 def _rows_axes(rows: Rows) -> Axes:
+    """A line for each photograph, the first on top, its planes one below the other."""
     axes = plot_axes(3.4, 2.5, (1.42, 0.1, 0.42, 0.05))
     for number, (_, by_plane) in enumerate(rows):
         for i, (plane, values) in enumerate(by_plane.items()):

@@ -114,6 +114,7 @@ def _plane_blocks(plane: PlaneResult, report: Report, name: str) -> list[Block]:
 
 
 def _psf_figures(plane: PlaneResult, overlays: Sequence[Overlay], name: str) -> tuple[list[Figure], list[Figure]]:
+    """PSF and MTF for the summary, and the figures of the plane's section."""
     if plane.psf is None:
         return [], []
     axis = otf_figures.FrequencyAxis(str(plane.unit), plane.factor)

@@ -51,6 +51,7 @@ def _strip(pictures: Sequence[tuple[str, Linear]]) -> Figures:
 
 
 def _strips(row: RenderRow | StripRow) -> Iterator[Sequence[tuple[str, Linear]]]:
+    """The strips of a row; of a render the whole picture, then the same pictures close up."""
     if isinstance(row, StripRow):
         yield from row.strips
         return
@@ -78,6 +79,7 @@ def close_ups(noisy: Linear, filtered: Linear, similar: Linear) -> list[tuple[st
 
 
 def _peak(values: npt.NDArray[np.floating]) -> tuple[int, int]:
+    """First row and column of the window with the greatest mean."""
     side = [min(CLOSE_UP_PX, n) for n in values.shape]
     sums = np.pad(values, ((1, 0), (1, 0))).cumsum(0).cumsum(1)
     windows = sums[side[0] :, side[1] :] - sums[: -side[0], side[1] :] - sums[side[0] :, : -side[1]]

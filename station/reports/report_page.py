@@ -134,6 +134,7 @@ def _large(verdict: str, words: str) -> Markup:
 
 
 def _main_numbers(report: Report) -> list[Block]:
+    """The numbers that are stated with the verdict: large for a single plane, else a table."""
     names = [name for one in report.planes for name in (*one.numbers, *one.values)]
     numbers = in_group(Group.LINE, names)
     more = [one for one in in_group(Group.HEADLINE, names) if one not in numbers]
@@ -158,6 +159,7 @@ def _main_numbers(report: Report) -> list[Block]:
 
 
 def _numbers(plane: PlaneResult) -> list[Block]:
+    """All numbers of a plane, with intervals if some have one."""
     numbers = numbers_of_page(plane)
     if not numbers:
         return []
@@ -195,11 +197,13 @@ def _provenance(report: Report) -> Section:
 
 
 def _curves(report: Report) -> list[str]:
+    """Names of the curves, which are functions of the first column."""
     names = (name for plane in report.planes for name in list(plane.curves)[1:] if not name.endswith("_uncertainty"))
     return list(dict.fromkeys(names))
 
 
 def _curve_figure(report: Report, name: str) -> Figure:
+    """One curve of all planes, with its 95 % band if it has an uncertainty."""
     axes, over = plot_axes(3.6, 2.6, (0.5, 0.1, 0.42, 0.08)), ""
     for plane in (one for one in report.planes if name in one.curves):
         over, x = next(iter(plane.curves.items()))

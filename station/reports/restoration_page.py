@@ -69,6 +69,7 @@ def restoration_page(report: Report) -> str:
 
 
 def _slider(before: Array, after: Array, white: float) -> Figure:
+    """The photograph over the restored picture, up to a border that the reader moves."""
     photograph, restored = (
         image(encoded(".png", levels(smaller(picture(one), MAX_SIDE_PX), 0, white)), words)
         for one, words in ((before, "photograph 1"), (after, "restored picture"))
@@ -78,6 +79,7 @@ def _slider(before: Array, after: Array, white: float) -> Figure:
 
 
 def _places(before: Array, after: Array, white: float) -> list[Figure]:
+    """Photograph and restored picture side by side at the places that changed most, each pixel as four."""
     before, after = picture(before), picture(after)
     enlarged = after.shape[0] // before.shape[0]  # a plane of a mosaic has every second pixel of the sensor
     before = np.repeat(np.repeat(before, enlarged, axis=0), enlarged, axis=1)

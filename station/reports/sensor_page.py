@@ -44,6 +44,7 @@ def _transfer(result: SensorResult, plane: str) -> Figure:
 
 
 def _response(result: SensorResult, plane: str) -> Figure:
+    """Signal over light, and the line through the levels of the linearity fit."""
     axes, light, signal, line = _axes(), result.curves.light[0], result.curves.signal[0], result.linearity
     axes.plot(light, signal, "o", ms=3, color=BLUE, label="levels")
     curve(axes, light, line.slope[0] * light + line.offset[0], width=1, label="line")
@@ -63,6 +64,7 @@ def _linearity(result: SensorResult, plane: str) -> Figure:
 
 
 def _snr(result: SensorResult, plane: str) -> Figure:
+    """SNR measured, of the linear model, with non-uniformity, and of photons alone; both axes logarithmic."""
     axes, light = _axes(), result.curves.light[0]
     used = slice(0, result.transfer.saturation + 1)
     model = np.geomspace(max(light[0] / 30, 1e-12), light[used][-1], 120)
@@ -93,6 +95,7 @@ def _dark(result: SensorResult, plane: str) -> Figure:
 
 
 def _spectrogram(pattern: FixedPattern, place: str, words: str) -> Figure:
+    """Spectrograms along rows and columns, the floor of temporal noise, and significant periods."""
     axes = _axes()
     for one in pattern.spectrograms:
         axes.semilogy(one.frequencies[1:], one.amplitude[1:], lw=0.8, color=ALONG[one.direction], label=one.direction)

@@ -52,6 +52,7 @@ def _surface_figure(tilt: Tilt) -> Figure:
 
 
 def _screws_figure(tilt: Tilt) -> Figure:
+    """The screws from behind the camera, with the move of the sensor at each."""
     radius, axes = tilt.screws.radius_mm, plot_axes(3.4, 3.4, (0.05, 0.05, 0.05, 0.05))
     (width, height), end = tilt.sensor.size_mm, 1.7 * radius
     axes.add_patch(Rectangle((-width / 2, -height / 2), width, height, fill=False, ec=FAINT, lw=0.8))

@@ -46,6 +46,7 @@ def trend_picture(camera: str, trends: Sequence[Trend], path: Path) -> bytes:
 
 
 def _draw(axes: Axes, several: Sequence[Trend], origin: str) -> None:
+    """The planes of one quantity, distinguished by colour, marker and legend."""
     for one in several:
         start = years_between(origin, one.points[0].began)
         colour = PLANE_COLOURS.get(one.plane, INK)

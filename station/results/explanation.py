@@ -175,10 +175,12 @@ def _explain_plane(plane: PlaneResult) -> PlaneExplanation:
 
 
 def _saved(term: str) -> float:
+    """Part of a term's variance that its remedy saves at best."""
     return 0.75 if term in HALVED else 1.0
 
 
 def _budget(plane: PlaneResult, name: str) -> Mapping[str, float]:
+    """The budget of a number of a plane; empty if it has none."""
     entry: Any = plane.details.get(name)
     several: Any = plane.details.get(BUDGETS, {})
     budget = entry.get("budget") if isinstance(entry, dict) else several.get(name) or _mean_budget(plane, name)
@@ -225,6 +227,7 @@ def explain_batch(folder: Path) -> BatchExplanation:
 
 
 def _headline(row: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """The headline number of a row's first plane that has one with an uncertainty."""
     numbers = [plane["numbers"] for plane in row["planes"].values()]
     known = (one[name] for one in numbers for name in in_group(Group.LINE, one) if "uncertainty" in one[name])
     return next(known, None)

@@ -175,6 +175,7 @@ def _bytes(data: Floats) -> bytes:
 
 
 def _unit(cards: Cards, data: bytes) -> bytes:
+    """A header and its data, each filled up to whole blocks."""
     header = "".join(_card(name, value) for name, value in cards) + "END".ljust(CARD)
     return _filled(header.encode("ascii"), b" ") + _filled(data, b"\0")
 
@@ -192,6 +193,7 @@ def _card(name: str, value: object) -> str:
 
 
 def _plain(text: str) -> str:
+    """Letters that a header takes, as many as have room in a card."""
     return "".join(one if " " <= one <= "~" else "?" for one in text)[:LONGEST_TEXT]
 
 

@@ -144,6 +144,7 @@ def place_of(x: float, y: float, shape: tuple[int, int]) -> Place:
 
 
 def _judge(record: PlaneResult, limit: Limit, pixels: Pixels, spots: Sequence[Spot]) -> Iterator[Judgement]:
+    """One judgement for each number and place that a limit is about."""
     meant = [one for one in spots if limit.place is Place.ANYWHERE or limit.place in one.places]
     if not spots:
         meant = [Spot("", list(Place), record.numbers)]

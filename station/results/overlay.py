@@ -64,6 +64,7 @@ def read_height_overlays(paths: Iterable[Path], unit: Unit) -> list[Overlay]:
 
 
 def _read(path: Path, stem: str, first: Sequence[str], words: str) -> Overlay:
+    """The tables of one kind of a result; `first` are the columns they begin with."""
     results = sorted(path.glob(f"derived/*/{RECORD}"), key=lambda one: (len(one.parent.name), one.parent.name))
     folder = results[-1].parent if results else path
     tables = sorted(folder.glob(f"{stem}_*.csv"))

@@ -144,6 +144,7 @@ def _own(path: Path) -> bytes:
 
 
 def _curves(path: Path) -> tuple[Unit, dict[str, Array]]:
+    """The MTF of a plane and the unit of its frequencies."""
     try:
         units, columns = table_columns(list(csv.reader(_own(path).decode().splitlines())), ("frequency",))
     except ValueError as error:

@@ -130,6 +130,7 @@ class ResultFolder:
             )
 
     def _is_own(self, name: str, older: Mapping[str, Sequence[str]]) -> bool:
+        """Whether a file is what this program wrote under this name."""
         if name == RECORD:
             return str(json_object(self.path / RECORD).get("schema", "")).startswith("station/")
         return any(holds(self.path / name, digest) for digest in older.get(name, ()))
@@ -244,6 +245,7 @@ def interval_entry(number: Quantity) -> dict[str, Any]:
 
 
 def _edge_entry(check: EdgeCheck) -> dict[str, Any]:
+    """MTF50 across one printed edge and by the PSF, all light counted in both, and how far they differ."""
     return {
         "orientation": check.edge.orientation,
         "normal_deg": check.edge.normal_deg,
@@ -255,6 +257,7 @@ def _edge_entry(check: EdgeCheck) -> dict[str, Any]:
 
 
 def _physics_entry(outcome: Outcome[Physics]) -> dict[str, Any]:
+    """The parts of the best model, their sizes, what they leave unexplained, and the next best models."""
     entry = verdict_entry(outcome)
     if (physics := outcome.value) is not None:
         entry |= {"aperture": physics.aperture, "missing_corner_deg": physics.missing_corner_deg}

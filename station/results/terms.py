@@ -47,6 +47,7 @@ class Terms:
         return replace(compared, unavailable=tuple(self._unavailable(record, pixels))).in_unit(self.unit, pixels)
 
     def _unavailable(self, record: PlaneResult, pixels: Pixels) -> Iterator[str]:
+        """A sentence for each frequency asked for at which a plane that has numbers has no MTF."""
         for one in self.at if record.numbers else ():
             wanted = one.per_pixel(pixels)
             if any(name_at(wanted, direction) in record.numbers for direction in ("", *BOTH)):

@@ -116,6 +116,7 @@ class Gate:
         return self._foreign(headers) or (None if free else unknown)
 
     def _foreign(self, headers: Headers) -> JSONResponse | None:
+        """Refuse requests of a browser for a page of another site, and names that are not this server's."""
         host, origin = headers.get("host", "").lower(), headers.get("origin")
         if origin is not None and origin.partition("://")[2].lower() != host:
             reason = f"a request must come from this server's own page; it came from a page of {origin}"

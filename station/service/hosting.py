@@ -186,6 +186,7 @@ class LimitedConnection(H11Protocol):
         return self.client[0] if self.client else ""
 
     def _has_room(self, crowd: "Iterable[LimitedConnection]", most: int) -> bool:
+        """Whether at most this many are open, after closing the one whose request has been due longest."""
         others = [other for other in crowd if other is not self and other in self.connections]
         if len(others) < most:
             return True

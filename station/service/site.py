@@ -140,6 +140,7 @@ class Sessions:
         ]
 
     def _folder(self, request: Request) -> Path:
+        """The session named in the path. Raises NotThere."""
         name = request.path_params["name"]
         for folder in sessions_in(self.root):
             if folder.name == name:
@@ -194,6 +195,7 @@ class Sessions:
 
 
 def _file(folder: Path, result: DerivedResult, name: str) -> Response:
+    """A result's file, if it matches the journal. Raises Damaged."""
     path = inside(folder, f"{result.folder}/{name}")
     if sha256_of(path) != result.files.get(name):
         raise Damaged(f"{path} has been changed", "bring it back from a copy")

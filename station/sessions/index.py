@@ -205,6 +205,7 @@ class Index:
         return number
 
     def _opened(self, where: str) -> sqlite3.Connection:
+        """The database, with its tables. Raises sqlite3.DatabaseError."""
         database = sqlite3.connect(where, timeout=self.TIMEOUT_S)
         self._database = database
         database.execute("PRAGMA foreign_keys = ON")
@@ -220,6 +221,7 @@ class Index:
         return database
 
     def _fresh(self) -> sqlite3.Connection:
+        """A new index in place of the old one, in memory if it cannot be written."""
         try:
             return self._opened(str(self.path))
         except sqlite3.DatabaseError:
@@ -270,6 +272,7 @@ def _where(wanted: Filter) -> tuple[str, list[str]]:
 
 
 def _numbers(folder: Path, state: SessionState) -> Iterator[tuple[Any, ...]]:
+    """Plane, verdict, and each quantity of the last result, if its record matches the journal."""
     last = state.results[-1] if state.results else None
     path = folder / last.folder / RECORD if last else folder
     if last is None or not holds(path, last.files.get(RECORD, "")):

@@ -321,6 +321,7 @@ class Journal:
 
 
 def _jsonable(value: Any) -> Any:
+    """A JSON form: non-finite numbers as `{"not_finite": "nan"}`, paths as text."""
     if isinstance(value, Mapping):
         return {str(name): _jsonable(part) for name, part in value.items()}
     if isinstance(value, list | tuple):

@@ -216,6 +216,7 @@ def finish_adopting(session: OpenSession, shot: SessionShot) -> None:
 
 
 def _say_and_give_up(session: OpenSession, say: str, **what: Any) -> None:
+    """Report, then give up, in this order: after a power failure between the two nothing is repeated unreported."""
     if say not in session.state.notices:
         session.notice(say)
     session.note("gave_up", **what)

@@ -19,14 +19,9 @@ def camera(bench, box):
     return camera
 
 
-def test_a_file_that_grows_in_pieces_is_taken_when_it_is_whole(camera, bench):
-    bench.body.settings.pieces, bench.body.settings.pause_s = 5, 0.4
-    exposure = camera.expose()
-    assert exposure.path.read_bytes().endswith(b"END")
-
-
-def test_a_file_that_pauses_longer_than_it_must_rest_is_still_taken_whole(camera, bench):
-    bench.body.settings.pieces, bench.body.settings.pause_s = 3, 2.0
+@pytest.mark.parametrize(("pieces", "pause_s"), [(5, 0.4), (3, 2.0)])  # the second: longer than it must rest
+def test_a_file_that_grows_in_pieces_is_taken_when_it_is_whole(camera, bench, pieces, pause_s):
+    bench.body.settings.pieces, bench.body.settings.pause_s = pieces, pause_s
     assert camera.expose().path.read_bytes().endswith(b"END")
 
 

@@ -79,10 +79,6 @@ def test_an_exposure_is_fetched_and_hashed(camera, body):
     assert exposure.sha256 == hashlib.sha256(exposure.path.read_bytes()).hexdigest()
 
 
-def test_ten_exposures_are_ten_files(camera):
-    assert len({camera.expose().path for _ in range(10)}) == 10
-
-
 def test_a_name_that_is_taken_is_not_overwritten(camera):
     place = BodyFile("/", "DSC_0000.NEF")
     assert camera.fetch(place).name == "DSC_0000.NEF"

@@ -15,7 +15,6 @@ from drivers.errors import (
     LineLost,
     MoveFailed,
     NotHomed,
-    OutsideTravel,
     Rejected,
 )
 from drivers.interfaces import CameraSettings
@@ -128,16 +127,6 @@ def test_it_goes_where_it_is_sent_and_the_core_agrees(homed, truth):
     assert homed.position() == pytest.approx({"x_mm": 0.01, "y_mm": 0.13, "z_mm": -0.04}, abs=2 * STEP_MM)
 
 
-@pytest.mark.parametrize("target", [{"x_mm": 0.21}, {"z_mm": float("nan")}])
-def test_it_refuses_to_leave_its_travel(homed, target):
-    before = homed.position()
-    with pytest.raises(OutsideTravel):
-        homed.move_to(**target)
-    assert homed.position() == before
-    with pytest.raises(BadConfiguration, match="there is no axis w_mm"):
-        homed.move_to(w_mm=0.0)
-
-
 def test_what_cannot_home_reports_it(core):
     stage = MicroManagerStage(core, [MicroManagerAxis("z_mm", "Focus", (-0.1, 0.1))])
     stage.connect()
@@ -154,15 +143,6 @@ def test_what_stands_outside_its_travel_is_not_trusted(core):
         stage.home()
     assert not stage.condition().usable
     stage.close()
-
-
-def test_a_stop_ends_a_move_and_keeps_the_position(homed, slow):
-    ended = in_mid_move(homed, homed.stop)
-    assert isinstance(ended, MoveFailed)
-    assert "was stopped" in ended.reason
-    assert not homed.moving()
-    homed.move_to(x_mm=0.0)
-    assert homed.condition().usable
 
 
 def after_the_first(stage, monkeypatch, name):

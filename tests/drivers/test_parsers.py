@@ -247,11 +247,6 @@ def test_wit_vectors(frame_hex, scale, value):
     assert found.words[3] / 100 == 25.0
 
 
-def test_jrt_vector():
-    (found,) = JrtParser().feed(bytes.fromhex("aa00002200030000085900 4fd5".replace(" ", "")))
-    assert (int.from_bytes(found.payload[:4], "big"), int.from_bytes(found.payload[4:], "big")) == (2137, 79)
-
-
 @pytest.mark.parametrize(
     "command",
     ["aa0000200001000021", "aa0000200001000122", "aa000020000100 0223", "aa0001be00010001c1", "aa0001be00010000c0"],

@@ -158,7 +158,10 @@ class Scenario:
         assert set(threading.enumerate()) <= self.threads, "a thread is left"
 
 
-@pytest.mark.parametrize("seed", [pytest.param(n, marks=pytest.mark.slow) if n % 4 else n for n in SEEDS])
+MARKS = [pytest.mark.nightly if n % 5 > 2 else pytest.mark.slow if n % 4 else () for n in SEEDS]
+
+
+@pytest.mark.parametrize("seed", [pytest.param(n, marks=marks) for n, marks in zip(SEEDS, MARKS, strict=True)])
 def test_scenario(seed, tmp_path):
     scenario = Scenario(seed, tmp_path)
     try:

@@ -23,15 +23,12 @@ def done(tmp_path_factory):
     return SimpleNamespace(walked=walked, view=walked.view, state=state, found=found)
 
 
-def test_enter_alone_leads_to_a_pass(done):
+def test_enter_alone_leads_to_the_psf_of_the_camera_at_the_scale_of_the_distances(done):
     assert done.walked.passed, f"{done.walked.summary}\n{done.walked.transcript}"
     assert (done.walked.folder / "report.html").read_text().startswith("<!doctype html>")
     # three times the near distance, which is read off a tape to 5 mm
     assert done.state.facts["at_z_mm"] == pytest.approx(3 * done.view.world.room.near_mm, abs=15)
     assert (done.state.facts["at_pan_deg"], done.state.facts["at_tilt_deg"]) == pytest.approx((0, 0), abs=0.01)
-
-
-def test_the_psf_is_the_camera_s(done):
     found = done.found
     taken = [done.view.taken[i] for i in (-1, -4)]  # from afar, from nearby
     true = [one.true_psf("G1", found.psf.s, found.psf.k) for one in taken]
@@ -44,9 +41,6 @@ def test_the_psf_is_the_camera_s(done):
     number = found.quality.numbers["mtf_nyquist_horizontal"]
     true_nyquist = float(abs(taken[0].true_otf("G1", np.array([0.5]), np.zeros(1))[0]))
     assert abs(number.value - true_nyquist) < 3 * number.uncertainty < 0.15
-
-
-def test_the_scale_is_that_of_the_distances(done):
     distances = [done.view.world.room.near_mm + shot.snapshot["axes"]["z_mm"] for shot in done.state.counting()]
     f_mm = done.view.camera.lens.focal_length_mm
     # a thin lens in focus at d magnifies f / (d - f); hands and rangefinder have no part in it

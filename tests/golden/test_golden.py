@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from station.__main__ import main
 from station.procedure.schema import procedure_named, schema_of
-from tests.printed import PAPERS, print_faults, screen_faults
+from tests.printed import print_faults, screen_faults
 
 from .cases import CASES, OUT
 from .frozen import FROZEN, check_frozen, differences, frozen_file, frozen_record, page_text, same_text, without_hashes
@@ -63,9 +63,10 @@ def test_pages_are_as_they_were(made, request):
     assert [(a, b) for a, b in zip(before, lines, strict=True) if not same_text(a, b)] == []
 
 
-def test_pages_fit_on_paper_and_on_screens(made, browser, tmp_path):
+@pytest.mark.parametrize("paper", ["A4", pytest.param("Letter", marks=pytest.mark.nightly)])
+def test_pages_fit_on_paper_and_on_screens(made, browser, tmp_path, paper):
     pages = files_of(made[1], ".html")
-    assert [fault for page in pages for paper in PAPERS for fault in print_faults(browser, page, paper, tmp_path)] == []
+    assert [fault for page in pages for fault in print_faults(browser, page, paper, tmp_path)] == []
     assert [fault for page in pages for fault in screen_faults(browser, page)] == []
 
 

@@ -120,7 +120,7 @@ psf.plot()
     assert "matplotlib, which is not installed: pip install matplotlib" in done.stderr
 
 
-def test_an_array_is_a_plane(edge, outcome):
+def test_arrays_are_planes_and_wrong_types_and_places_are_named(edge, outcome, psf, field):
     whole = np.round(edge * 65535).astype(np.uint16)
     plane = Plane.from_array(whole)
     assert (plane.name, plane.white, plane.quantisation) == ("Y", 65535, 1 / 65535)
@@ -133,9 +133,6 @@ def test_an_array_is_a_plane(edge, outcome):
     assert estimate_psf(edge, Chart.from_seed()).verdict is Verdict.REFUSED
     with pytest.raises(BadInput, match="one linear channel"):
         Plane.from_array(np.zeros((4, 5, 3)))
-
-
-def test_wrong_types_are_named_with_what_to_pass(edge, outcome, psf):
     frames = {
         "pass a Plane, as read_frame": lambda: as_plane("photo.dng"),
         "pass Chart.from_seed": lambda: estimate_psf(edge, "chart"),
@@ -145,9 +142,6 @@ def test_wrong_types_are_named_with_what_to_pass(edge, outcome, psf):
     for remedy, call in frames.items():
         with pytest.raises(TypeError, match=remedy):
             call()
-
-
-def test_a_field_has_no_psf_outside_its_frame(field):
     rows, columns = field.shape
     assert field.at(columns - 0.5, -0.5).k == field.k
     for x, y in ((columns, 10), (10, -1), (10, rows), (float("nan"), 10)):

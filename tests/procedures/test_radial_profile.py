@@ -45,7 +45,7 @@ def test_profile_of_a_gaussian_is_the_gaussian_with_its_uncertainty(rng):
     assert float(rows[0]["energy"]) == 0
 
 
-def test_beyond_the_support_the_profile_is_that_of_the_tail():
+def test_beyond_the_support_the_profile_is_the_tails_with_its_uncertainty(rng):
     psf = with_tail(gaussian(0.5, k=17), (0.04,))
     found = radial_profile(psf)
     far = found.radius > 1.5 * found.support * 2**0.5
@@ -58,9 +58,6 @@ def test_beyond_the_support_the_profile_is_that_of_the_tail():
     # with one shape all that is uncertain far out is its amplitude: 2e-3 of 0.04
     relative = found.energy_uncertainty[inner] / (1 - found.energy[inner])
     np.testing.assert_allclose(relative, 2e-3 / 0.04, rtol=0.1)
-
-
-def test_radius_and_tail_of_the_profile_are_those_of_the_numbers(rng):
     psf = with_tail(gaussian(0.6, k=17))
     found, numbers = radial_profile(psf), assess(psf, n=1).numbers
     # between two circles an eighth of a pixel apart the curve is bent by a hundredth of its rise

@@ -97,42 +97,24 @@ def test_stuck_pixels_are_listed(write_dng, stuck, others):
     np.testing.assert_array_equal(read_frame(write_dng(mosaic)).planes["R"].bad_pixels, [[10, 15]])
 
 
-def test_saturated_areas_are_no_stuck_pixels(write_dng):
+def test_planes_are_chosen_named_and_hashed_whatever_the_file_is_called(write_dng, shared_data):
     mosaic = mosaic_of("RGGB")
     mosaic[20:26, 30:36] = WHITE
     assert len(read_frame(write_dng(mosaic)).planes["R"].bad_pixels) == 0
-
-
-def test_only_the_named_planes_are_read(write_dng):
     assert list(read_frame(write_dng(mosaic_of("RGGB")), ["B", "R"]).planes) == ["R", "B"]
-
-
-def test_planes_alone_are_those_of_the_frame(write_dng):
     path = write_dng(mosaic_of("RGGB"))
     frame = read_frame(path, ["G1"])
     (plane,) = read_planes(path, ["G1"]).values()
     assert np.array_equal(plane.samples, frame.planes["G1"].samples)
     assert plane.origin == frame.planes["G1"].origin
-
-
-def test_unknown_plane_is_a_bad_parameter(write_dng, shared_data):
     with pytest.raises(BadParameter, match=r"must be one of R, G1, G2, B for .*; got 'Y'"):
         read_frame(write_dng(mosaic_of("RGGB")), ["Y"])
     with pytest.raises(BadParameter, match=r"must be one of Y for .*; got 'G1'"):
         read_frame(shared_data / "pattern_photo" / "img_example.pgm", ["G1"])
-
-
-def test_default_plane_is_green_of_a_mosaic_and_grey_of_an_image(write_dng, shared_data):
     assert default_plane(write_dng(mosaic_of("RGGB"))) == "G1"
     assert default_plane(shared_data / "raw" / "RAW_KODAK_DC50.KDC") == "G1"
     assert default_plane(shared_data / "edges" / "Test_edge1_mono.tif") == "Y"
-
-
-def test_mosaic_in_a_file_named_tif_is_read_as_a_mosaic(write_dng):
     assert "G1" in read_frame(write_dng(mosaic_of("RGGB"), name="frame.tif")).planes
-
-
-def test_sha256_is_that_of_the_file(shared_data):
     path = shared_data / "raw" / "RAW_KODAK_DC50.KDC"
     assert read_frame(path, ["R"]).sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
 

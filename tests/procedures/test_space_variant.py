@@ -72,7 +72,7 @@ def vars_of(field: PsfField) -> dict:
     return {name: getattr(field, name) for name in PsfField.__dataclass_fields__}
 
 
-def test_a_point_becomes_the_psf_of_its_place(varying):
+def test_light_goes_to_the_psf_and_tail_of_its_place_and_is_kept(varying, places):
     operator = SpaceVariantBlur(varying, S)
     for row, column in ((20, 30), (60, 90)):
         u = np.zeros((80, 112))
@@ -80,15 +80,9 @@ def test_a_point_becomes_the_psf_of_its_place(varying):
         seen = operator.blur(u)[row - K // 2 : row + K // 2 + 1, column - K // 2 : column + K // 2 + 1]
         expected = varying.samples(np.array([[column / S, row / S]]))[0]
         np.testing.assert_allclose(seen, expected, atol=1e-12)
-
-
-def test_light_is_kept(varying):
     u = np.zeros((40, 56))
     u[15:25, 20:30] = 1.0
     assert SpaceVariantBlur(varying).blur(u).sum() == pytest.approx(u.sum(), rel=1e-9)
-
-
-def test_light_of_the_whole_psf_goes_to_its_tail_and_an_even_picture_stays_even(places):
     tails = [0.03 + 0.001 * i for i in range(6)]
     field = with_tails(field_of([gaussian(0.5, 0.6)] * 6, places, 1), tails)
     operator = SpaceVariantBlur(field, S)
@@ -118,7 +112,7 @@ def with_tails(field: PsfField, tails: list[float]) -> PsfField:
     )
 
 
-def test_on_coarser_grids_what_the_grid_shows_is_blurred_alike(varying):
+def test_coarser_grids_are_blurred_alike_and_finer_images_refused(varying):
     # a wave below the coarse grid's Nyquist frequency, in the middle of the image: blurred on both grids
     fine_x, coarse_x = np.arange(112) / 2, np.arange(56.0)
     wave = np.cos(2 * np.pi * 0.11 * fine_x)[None] * np.ones((80, 1))
@@ -126,8 +120,5 @@ def test_on_coarser_grids_what_the_grid_shows_is_blurred_alike(varying):
     coarse = SpaceVariantBlur(varying, 1).blur(np.cos(2 * np.pi * 0.11 * coarse_x)[None] * np.ones((40, 1)))
     # the sinc's ends, two samples beyond the support
     np.testing.assert_allclose(coarse[10:-10, 10:-10], fine[10:-10, 10:-10], atol=0.03)
-
-
-def test_images_finer_than_the_psf_are_refused(varying):
     with pytest.raises(BadParameter, match="1 to 2 samples per pixel; got 3"):
         SpaceVariantBlur(varying, 3)

@@ -76,10 +76,8 @@ def refine_bins(
     Raises Refused if hardly any bin is near its position in the reduced plane.
 
     samples : (rows, columns) float32, the plane
-    chart : Chart
     registration : Registration, from pixels of the plane reduced by `factor` to cells
     bins : Correspondences, of the reduced plane
-    factor : int
     """
     start = enlarged(bins, factor)
     # the bins of a photograph, without blur

@@ -19,8 +19,7 @@ ORIGIN = -BLOCK * (1 + RIM_BLOCKS)  # cell coordinate of the rectified picture's
 BLUR = 0.1 * PIXELS  # blur of the template, that of a typical photograph; the agreement hardly depends on it
 SCREEN_SAMPLES = 4  # samples of a block along one side when candidates are screened
 SCREENED_AT_ONCE = 128  # candidates whose samples fit the processor's cache together
-MARK_HALF, SEARCH = 5, 6
-"""Half the side of a mark's template, and the greatest offset searched, in rectified pixels."""
+MARK_HALF, SEARCH = 5, 6  # half the side of a mark's template, and the greatest offset searched, in rectified pixels
 
 H_CELLS_RECTIFIED: Array = np.array(
     [

@@ -36,8 +36,7 @@ MAX_LAYOUTS = 4000  # greatest number of layouts of one picture; textures and la
 RIM = np.array([(s, t) for t in range(4) for s in range(4) if s in (0, 3) or t in (0, 3)], dtype=np.float64)
 """Lattice coordinates (s, t) of the twelve x-corners, (12, 2)."""
 INSIDE = np.array([(1, 1), (2, 1), (1, 2), (2, 2)], dtype=np.float64)
-MOST_INSIDE = 3
-"""Similar saddles at the inner lattice points, where a chart has noise, from which on it is a lattice."""
+MOST_INSIDE = 3  # similar saddles at the inner lattice points, where a chart has noise, from which on it is a lattice
 RIM_CELLS = RIM * 3 * BLOCK - BLOCK / 2  # the x-corners in cells, (12, 2)
 H_LATTICE_CELLS = np.array([[1, 0, BLOCK / 2], [0, 1, BLOCK / 2], [0, 0, 3 * BLOCK]]) / (3 * BLOCK)
 

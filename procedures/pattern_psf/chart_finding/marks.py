@@ -22,12 +22,10 @@ HIGH_PASS = np.outer([1, -2, 1], [1, -2, 1]).astype(np.float32)
 QUIET_TILE = 16
 QUIET = 0.01  # quantile of the energies of squares of QUIET_TILE pixels at which noise is measured
 RING_RADIUS = 2.0
-OFF_CENTRE = 0.8
-"""Share of the first harmonic that is subtracted: that of a ring a fraction of a pixel off the saddle."""
+OFF_CENTRE = 0.8  # share of the first harmonic that is subtracted: that of a ring a fraction of a pixel off the saddle
 MIN_PURITY = 0.62
 """Least share of the second harmonic in the remaining variance around a saddle: 1 for an ideal x-corner."""
-SUPPRESSION_RADIUS = 3.0
-"""Radius of non-maximum suppression among saddles of similar axis: less than half a block."""
+SUPPRESSION_RADIUS = 3.0  # radius of non-maximum suppression among saddles of similar axis: less than half a block
 SAME_AXIS = np.cos(2 * np.deg2rad(11))
 """Least cosine of twice the angle between similar axes; tilt and noise turn those of a chart by less."""
 TILE = 32  # side of the squares of which the strongest saddles are kept when there are too many

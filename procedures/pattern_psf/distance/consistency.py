@@ -24,8 +24,7 @@ MAX_RATIO = 1.12
 """Ratio of two estimates of F cell above which a number is wrong; focus, marks and mounts contribute 5 % together."""
 TAPE_MM = 50.0  # tolerance of a distance by tape measure, in addition to the factor `MAX_RATIO`
 PROBE_SHARE = 0.08  # move between two observations that determines F cell, as a fraction of the distance
-MIN_CELL_CORRELATION = 0.12
-"""Least correlation with the cells of the right seed; that with others is a few hundredths."""
+MIN_CELL_CORRELATION = 0.12  # least correlation with the cells of the right seed; that with others is a few hundredths
 MIN_DETAIL = 0.04
 """Least contrast of detail in the noise region, over that of white and black, for cells to be resolved."""
 SHIFT_PX, SMOOTH_PX, FINE = 3, 3.0, 4

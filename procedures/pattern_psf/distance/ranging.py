@@ -9,8 +9,7 @@ from procedures.pattern_psf.pose import ImagingGeometry
 from procedures.plan import Fact, Facts, Reading
 
 LASER_REACH_MM = 300.0  # greatest plausible offset of a rangefinder from the lens along the axis
-MIN_DIFFERENCE = 0.05
-"""Least relative difference of the chart's size between two observations that are used together."""
+MIN_DIFFERENCE = 0.05  # least relative difference of the chart's size between two observations that are used together
 
 
 def look_now(px_per_cell: float, known: PatternFacts) -> RangeLook:

@@ -71,6 +71,7 @@ class FocusScreen(StationScreen):
         self._turns: queue.Queue[float | None] = queue.Queue()
 
     def body(self) -> ComposeResult:
+        """Source, instruction, the number with its sign, further numbers, trend and image."""
         yield Part(id="source")
         yield AnswerBox(id="answer")
         with Horizontal(id="reading"):

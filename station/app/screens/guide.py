@@ -111,6 +111,7 @@ class GuideScreen(StationScreen):
         return self.query_one(AnswerBox)
 
     def can(self, command: type[Command]) -> bool:
+        """Continue only after a stop, step back only after a completed step."""
         if command is GoOn:
             return self._stopped and not self.finished
         if command is StepBack:
@@ -288,6 +289,7 @@ class GuideScreen(StationScreen):
         self._show_coach()
 
     def _show_coach(self) -> None:
+        """The way to the wanted outline, or the countdown, in words and in large signs."""
         if not self.whole:
             return
         words = sign = ""
@@ -311,6 +313,7 @@ class GuideScreen(StationScreen):
         self._show_values(())
 
     def _show_sharpness(self, result: frontend.Result) -> None:
+        """PSF and MTF of the plane whose numbers are shown, or the restored picture."""
         from procedures.outcome import ProcedureError  # imported here: the first screen needs neither
         from station.results.reader import read_picture
 
@@ -334,6 +337,7 @@ class GuideScreen(StationScreen):
             self.query_one(Rail).show(self._began.plan, self._done, self._now)
 
     def _show_values(self, planes: Sequence[PlaneResult]) -> None:
+        """The numbers that one accepts: all of one plane, the sharpness of the others."""
         first = sorted(planes, key=lambda plane: plane.name != "G1")[:1]
         lines = [line for plane in first for line in (plane.name, *number_lines(plane, self.glyphs))]
         others = [self.glyphs.spelt(plane_words(plane)) for plane in planes if plane not in first]
@@ -353,6 +357,7 @@ class GuideScreen(StationScreen):
         self._make_room()
 
     def _make_room(self) -> None:
+        """Adapt the layout: the image takes the space of missing numbers and curves, and a drawing gives its own."""
         visible = any(self.query_one(f"#{name}").display for name in ("sign", "values", "readings", "curve"))
         self.query_one("#numbers").display = visible
         self.set_class(visible and self.query_one(Picture).picture is None, "-drawing")

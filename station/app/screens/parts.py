@@ -148,6 +148,7 @@ class Choices(Part, can_focus=True):
         self.pressed_s = event.time
 
     def watch_has_focus(self, focused: bool) -> None:
+        """Show the cursor in the list that has the focus, and in no other."""
         super().watch_has_focus(focused)
         self._show()
 
@@ -279,6 +280,7 @@ class AnswerBox(Vertical):
         self.query_one(Choices).set_lines(lines)
 
     def _show(self, sentence: str, means: str = "") -> None:
+        """Show a sentence and focus the widget for the answer, if any."""
         self._asked_s = Message().time  # by the clock of the keys
         self.query_one("#next", Part).update(literal(sentence, "bold"))
         self.query_one("#wrong", Part).say("")
@@ -324,6 +326,7 @@ def _consent(ask: Ask) -> Consent | None:
 
 
 def _wanted(ask: Ask) -> str:
+    """Checks before a consent; unit and limits of a number: " (50 to 2000 mm)"."""
     if consent := _consent(ask):
         return f" {consent.check}"
     if ask.kind != "number":

@@ -69,6 +69,7 @@ def number_lines(plane: PlaneResult, glyphs: Glyphs) -> list[str]:
 
 
 def _causes_in_words(judged: WithVerdict) -> list[str]:
+    """The most likely cause with its remedy, then other possible ones."""
     others = [f"- {cause.reason}; {cause.remedy}" for cause in judged.other_causes]
     lines = [text for text in (judged.reason, judged.remedy) if text]
     return lines + (["Other possible causes:", *others] if others else [])

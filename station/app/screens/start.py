@@ -78,6 +78,7 @@ class StartScreen(StationScreen):
         self.query_one("#plans").focus()
 
     def refresh_frame(self) -> None:
+        """Update the frame, and the remedy for each device that cannot be used yet."""
         super().refresh_frame()
         if self.is_mounted:
             conditions: Mapping[str, Condition] = self.app.conditions  # type: ignore[attr-defined]

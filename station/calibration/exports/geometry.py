@@ -74,6 +74,7 @@ def _ros_matrix(name: str, rows: int, columns: int, data: Sequence[float]) -> li
 
 
 def _kalibr(stored: StoredCamera) -> Text:
+    """Kalibr's camera chain, by the most accurate of its camera and distortion models."""
     camera = as_kalibr(stored.camera, stored.region)
     lines = [
         "cam0:",

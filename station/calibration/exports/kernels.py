@@ -33,6 +33,7 @@ def _numbers(values: Array, separator: str = ",") -> str:
 
 
 def _python(tiles: KernelTiles, source: str) -> tuple[str, str]:
+    """The program beside this module with the filters in its last line."""
     file = io.BytesIO()
     np.savez_compressed(
         file, shape=np.array(tiles.shape), kernels=tiles.kernels.astype(np.float32), x=tiles.x.astype(int),

@@ -73,6 +73,7 @@ def _count(field: PsfField, columns: int) -> int:
 
 
 def _grid_loss(field: PsfField, x: np.ndarray, y: np.ndarray) -> tuple[str, ...]:
+    """Error of interpolation between the points of the grid at the centres of cells, where the field is known."""
     middle = np.stack(np.meshgrid((x[1:] + x[:-1]) / 2, (y[1:] + y[:-1]) / 2), axis=-1).reshape(-1, 2)
     i, j = np.meshgrid(np.arange(len(x) - 1), np.arange(len(y) - 1))
     corners = [np.column_stack([x[i + a].ravel(), y[j + b].ravel()]) for a in (0, 1) for b in (0, 1)]

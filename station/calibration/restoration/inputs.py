@@ -161,6 +161,7 @@ def _record_of(path: Path) -> dict[str, Any]:
 
 
 def _psf(path: Path, samples_per_px: int | None) -> tuple[Array, int] | None:
+    """A measured PSF and its samples per pixel; None if the file is a shape."""
     if path.suffix.lower() == ".npy":
         array = checked_array(read_npy(path, "PSF", _GIVE_PSF), str(path), remedy=_GIVE_PSF)
         return array, samples_per_px or _samples_of(path)

@@ -125,6 +125,7 @@ def _commission(bench: Bench, rows: list[DeviceRow], tables: Mapping[str, Any], 
 
 
 def _tap(bench: Bench) -> None:
+    """Measure the delays of the units' cables, and write what belongs into their tables."""
     from drivers.errors import DeviceError
     from station.bench.common_event import TAPS, latencies
 
@@ -252,6 +253,7 @@ def _stage_table(driver: str | None, port: str | None, device: str | None, confi
 def _tried(
     table: Mapping[str, Any], place: Path | None, operations: int, seed: int, *, quiet: bool
 ) -> tuple[list[TrialResult], dict[str, Any]]:
+    """The results of all trials, and their record; `place` is the folder of a real stage's station.toml."""
     from station.bench.conform import at_port, at_twin
     from station.bench.conform import conform as findings_of
     from station.common.durable_files import temporary_folder
@@ -277,6 +279,7 @@ def _tried(
 
 
 def _verify_conformance(folder: Path, key: Path | None, *, strict: bool, as_json: bool) -> None:
+    """Show the checks of a record. Exits with 4 if one does not agree."""
     from station.common.signature import AGREES
     from station.reports.conformance import check_conformance
 

@@ -123,6 +123,7 @@ def _announce(host: str, port: int, token: str | None, as_json: bool, served: Se
 
 
 def _reached_at(host: str) -> str:
+    """The address for clients: for a server on all interfaces, that of this machine in its network."""
     if host not in ("0.0.0.0", "::"):
         return f"[{host}]" if ":" in host else host
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:

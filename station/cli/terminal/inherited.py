@@ -22,10 +22,7 @@ INSTEAD: Mapping[tuple[str, str], str] = {
     ("session resume", "--plain"): "leave it out; a session is resumed in plain lines in any case",
     ("demo", "--simulate"): SIMULATED,
     ("simulate", "--simulate"): SIMULATED,
-    **{
-        ("session resume", name): KEPT
-        for name in ("--seed", "--shaker", "--speed", "--specification", "--unit", "--plan")
-    },
+    **{("session resume", name): KEPT for name in KEPT_OPTIONS},
 }
 """Remedy by command and option, where it is more specific than to omit the option."""
 
@@ -62,6 +59,7 @@ def check_inherited(group: click.Context, name: str, command: click.Command) -> 
 
 
 def _given(context: click.Context | None) -> Iterator[tuple[click.Parameter, Any]]:
+    """The options given to a group and its parents, nearest first, without eager ones (--quiet)."""
     while context is not None:
         for option in context.command.params:
             if option.expose_value and context.get_parameter_source(str(option.name)) in EXPLICIT:

@@ -56,6 +56,7 @@ def algorithm_1(z: Array, stacks: list[MaskStack], w: Array, p: Alternation) -> 
 def _descend(
     data: DataTerm, u: npt.NDArray[np.float32], w: npt.NDArray[np.float32], weight: float, most: np.float32
 ) -> npt.NDArray[np.float32]:
+    """w after a step of steepest descent of the error term and the total variation of w."""
     data.focus(w)
     e = data.residual(u)
     variation = total_variation(w[None], LEAST_SLOPE)

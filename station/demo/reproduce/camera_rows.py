@@ -39,6 +39,7 @@ def _support(f_number: float) -> int:
 
 
 def _at_aperture(f_number: float, seed: int = 1) -> tuple[PatternPsf, float]:
+    """The estimated PSF at an aperture, and its relative error after the best subpixel shift."""
     shot = cameras.photograph_chart(cameras.green_camera(f_number), _chart(), seed, roll_deg=1.5)
     estimate = cameras.estimated(cameras.plane_of(shot), _chart(), k=_support(f_number))
     truth = shot.true_psf("Y", cameras.S, _support(f_number)).h

@@ -111,6 +111,7 @@ LOWERS = Order(
 def _followed(
     pairs: Sequence[scenes.Pair], depths: Sequence[Array], stacks: list[MaskStack]
 ) -> tuple[list[float], list[float], list[Array]]:
+    """Errors of w and of the picture after Algorithm I, and w."""
     results = [algorithm_1(pair.z, stacks, w, CHAIN) for pair, w in zip(pairs, depths, strict=True)]
     of_w = [pair.w_error(w) for pair, (_, w) in zip(pairs, results, strict=True)]
     return of_w, _errors(pairs, [u for u, _ in results]), [w for _, w in results]

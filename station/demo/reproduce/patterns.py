@@ -39,6 +39,7 @@ def of_cells(cells: Array, samples_per_cell: float, samples: int) -> Array:
 
 
 def _cell_filter(cells: int, samples_per_cell: float, samples: int) -> Array:
+    """Weight of each cell in each sample, (samples, cells)."""
     at = (np.arange(samples) - (samples - 1) / 2) / samples_per_cell
     edges = np.arange(cells + 1) - cells / 2
     rise = special.sici(np.pi * samples_per_cell * (at[:, None] - edges))[0] / np.pi

@@ -104,6 +104,7 @@ def joshi_photograph(setting: Setting) -> RowValues:
 
 
 def _by_predicted_edge(samples: npt.NDArray[np.floating], course: Array) -> dict[str, Array]:
+    """Kernels at each level from a near-vertical edge whose sharp picture is a step along its course (x, y)."""
     slope, at_0 = np.polyfit(course[:, 1], course[:, 0], 1)
     half = (EDGE_WINDOW[0] - 1) / 2
     top = (samples.shape[0] - EDGE_WINDOW[0]) // 2

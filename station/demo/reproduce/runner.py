@@ -142,6 +142,7 @@ def _compared(row: Row, setting: Setting) -> RowResult:
 
 
 def _missing(row: Row, setting: Setting, *, by_name: bool) -> str:
+    """The reason not to compute a row; empty if there is none."""
     if row.long and not (setting.full or by_name):
         return "it takes long; compute it with --full, or by its name"
     try:

@@ -187,6 +187,7 @@ SHOT_FACTS = (LIT, FLAT, TURNED, VIEW)
 def _written(
     folder: ResultFolder, whole: field.SessionField, frames: Sequence[RawFrame], head: RecordHead
 ) -> Iterator[tuple[str, PartBeside]]:
+    """Write each part's result into its folder, and give its entry of the page."""
     for name, part in whole.parts.items():
         page = ""
         if part.value is not None:

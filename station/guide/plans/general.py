@@ -101,6 +101,7 @@ def _asked(procedure: Procedure[Any]) -> list[ModelField]:
 
 
 def _question(field: ModelField) -> Ask:
+    """A setting as a question with its default; an empty answer leaves an optional setting out."""
     words, unit = unit_of(field.name)
     question = f"{words[:1].upper()}{words[1:]}{unit and f', {unit}'}: {field.description}"
     ask = Ask(SETTING + field.name, question, "text", check=partial(_check, field))
@@ -118,6 +119,7 @@ def _question(field: ModelField) -> Ask:
 
 
 def _check(field: ModelField, answer: Fact, facts: Facts) -> None:
+    """Raises BadParameter if an answer is not a value of the setting."""
     for value in _given([field], {SETTING + field.name: answer}).values():
         read_value(field, value, TableSource(), (field.name,))
 

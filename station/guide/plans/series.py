@@ -158,6 +158,7 @@ def _focus_stop(wanted: float) -> TourStop:
 
 
 def _at(wanted: float, frame: RawFrame, facts: Facts) -> Advice:
+    """The check of a shot at a setting, which is noted."""
     advice = check_shot(frame, facts)
     noted = {f"{SETTING}{frame.sha256[:MARK]}": wanted, NOW: wanted} if advice.good else {}
     return replace(advice, facts={**advice.facts, **noted})

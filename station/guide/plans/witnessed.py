@@ -156,4 +156,5 @@ def _nearer(facts: Facts) -> dict[str, float]:
 
 
 def _nearer_by_hand(facts: Facts) -> dict[str, float]:
+    """Move of the camera to two thirds of the distance at which the chart has its width."""
     return {"z_mm": -NEAREST * facts_as(PatternFacts, facts).wanted_distance_mm()}

@@ -83,6 +83,7 @@ class SlantedEdge(Procedure[EdgeSettings]):
     def measure(
         self, paths: Sequence[Path], settings: EdgeSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
+        """The edge of a region, or all edges that are found."""
         from procedures.slanted_edge.strip import Roi  # here: mathematics, slow to load
         from station.calibration.edges import PhotographEdges, edge_measurement, measure_edges
 
@@ -108,6 +109,7 @@ class SlantedEdge(Procedure[EdgeSettings]):
         return measurement_report(measurement, self.name, title=self.title, frames=(frame,))
 
     def lines(self, measurement: Measurement) -> list[str]:
+        """Every edge that has a place, and how many have which verdict."""
         whole: PhotographEdges = measurement.result
         counts = [f"{record.name}: {record.count}" for record in whole.records if record.count]
         return [*(_words(record, edge) for record in whole.records for edge in record.outcomes if edge.roi), *counts]

@@ -140,6 +140,7 @@ class Field(PsfProcedure[FieldSettings]):
         return read_height_overlays(paths, terms.unit)
 
     def report(self, measurement: Measurement) -> Report:
+        """Contents of the certificate: the frame's centre, and the medians over the frame unless read from files."""
         if measurement.result is None:
             return super().report(measurement)
         from station.reports.field.field_files import with_medians  # here: it draws, which is slow to load

@@ -117,6 +117,7 @@ class CameraGeometry(Procedure[GeometrySettings]):
         return geometry_measurement(planes, head, settings.chart_scale).compared(terms)
 
     def lines(self, measurement: Measurement) -> list[str]:
+        """Which camera model each plane has, from how many views, and which shutter."""
         cameras = [(plane.name, plane.estimate) for plane in measurement.planes if plane.estimate is not None]
         models = [f"{name}: {one.camera.model} from {len(one.views)} views" for name, one in cameras]
         if cameras and "advise" in measurement.head.parameters:

@@ -285,6 +285,7 @@ class Rays(Procedure[RaysSettings]):
 def _filtered(
     paths: Sequence[Path], settings: RaysSettings, progress: Progress
 ) -> Iterator[tuple[Film, FilteredFilm, dict[str, float] | None]]:
+    """Every film and its filtered picture, with the weights of a blend."""
     threads, kept = settings.threads or os.cpu_count() or 1, deque[Film]()
 
     if settings.blend:

@@ -73,6 +73,7 @@ class Refocus(Procedure[RefocusSettings]):
     def measure(
         self, paths: Sequence[Path], settings: RefocusSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
+        """The refocused picture and the limits of its depth of field."""
         folder = paths[0].parent if paths[0].is_file() else paths[0]
         sharp, metres, taken = _restored(folder)
         focus_mm, spread = 1000 * settings.focus_m, spread_of(settings.shape)
@@ -88,6 +89,7 @@ class Refocus(Procedure[RefocusSettings]):
         return Measurement(self.schema, head, planes, files=files, result=(sharp, metres, result)).compared(terms)
 
     def page(self, measurement: Measurement) -> bytes:
+        """The restored and the refocused picture, and where it is sharp."""
         # imported here: it draws, which is slow to load
         from station.drawing.plots import BAR_RIGHT, Figure, finished, frame_axes, picture
         from station.reports.page import Figures, Section, image
@@ -141,10 +143,12 @@ def _explorer(sharp: Array, metres: Array, setting: CameraSetting) -> "Scripted"
 
 
 def _image(picture: Array) -> Array:
+    """A picture (C, H, W) as (H, W), or (H, W, 3)."""
     return picture[0] if len(picture) == 1 else np.moveaxis(picture, 0, -1)
 
 
 def _through(path: Path, picture: Array) -> Array:
+    """The picture blurred by the field of the lens, its planes in order or its only one."""
     field = read_field(path)
     planes = list(field.values())
     if len(planes) not in (1, len(picture)):

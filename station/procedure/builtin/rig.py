@@ -70,6 +70,7 @@ class Rig(Procedure[RigSettings]):
 
 
 def _entries(rig: RigPoses, paths: Sequence[Path]) -> dict[str, Any]:
+    """Entries of the record: the second camera's pose, and those of all further ones."""
     baseline = rig.numbers()[BASELINE]
     scale = rig.scale * baseline.value
     budget = {"points": max(baseline.uncertainty**2 - scale**2, 0.0) ** 0.5, "scale": scale}

@@ -45,6 +45,7 @@ class Series(Pattern):
         return super().measure(paths, settings, terms, progress)
 
     def summary(self, rows: Sequence[Any]) -> BatchSummary:
+        """Table and page of the series, the best apertures, and what does not belong together."""
         from station.reports.batches.series_page import series_page  # here: it draws, which is slow to load
 
         points = points_of(rows)

@@ -70,6 +70,7 @@ class Sharpen(Procedure[SharpenSettings]):
     def measure(
         self, paths: Sequence[Path], settings: SharpenSettings, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
+        """The record of the procedure that was chosen, with the decision."""
         frames = [settings.read(path) for path in paths]
         if len(frames) == 1 and settings.field is None:
             with suppress(ProcedureError):
@@ -121,6 +122,7 @@ def _taken(
     name: str, options: Mapping[str, Any], reasons: Sequence[str], paths: Sequence[Path], terms: Terms,
     progress: Progress,
 ) -> Measurement:  # fmt: skip
+    """The measurement by a procedure, with its settings and the reasons for it in the record."""
     procedure = procedure_named(name)
     given = {key: value for key, value in options.items() if value is not None}
     settings = read_model(procedure.Settings, given, TableSource())
@@ -132,4 +134,5 @@ def _taken(
 
 
 def _rank(measurement: Measurement) -> int:
+    """0 for a measurement that passes, 2 if a plane is refused."""
     return max(plane.verdict.rank for plane in measurement.planes)

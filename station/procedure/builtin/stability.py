@@ -73,6 +73,7 @@ class StabilityOfPsf(Procedure[StabilitySettings]):
         return Measurement(self.schema, head, planes, files=files).compared(terms)
 
     def page(self, measurement: Measurement) -> bytes:
+        """The sensitivity over the regions, and the mean MTF with its scatter."""
         # imported here: it draws, which is slow to load
         from station.drawing.colours import INK, PLANE_COLOURS
         from station.drawing.plots import curve, finished, legend, plot_axes

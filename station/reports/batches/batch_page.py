@@ -137,6 +137,7 @@ def _link(line: BatchLine) -> str:
 
 
 def _rows(line: BatchLine, names: Sequence[str], report: BatchReport) -> list[list[str]]:
+    """A row for each plane of an item, or one without."""
     rows = []
     for plane, numbers in line.planes.items() or [("", {})]:
         cells = [_cell(numbers.get(name), report.by_key.get((line.camera, plane, name))) for name in names]
@@ -146,6 +147,7 @@ def _rows(line: BatchLine, names: Sequence[str], report: BatchReport) -> list[li
 
 
 def _cell(number: Quantity | None, group: NumberGroup | None) -> str:
+    """A number with its uncertainty, marked if it is an outlier of its group."""
     if number is None:
         return "—"
     words = stated(number.value, number.uncertainty)
@@ -179,6 +181,7 @@ def _distributions(report: BatchReport) -> Section:
 
 
 def _distribution(groups: Sequence[NumberGroup], name: str, report: BatchReport) -> Figure:
+    """Every item's number with its error bar in the order of the items, and beside it a histogram of all."""
     figure, ((axes, beside),) = axes_grid(
         6.0, 1.8, 1, 2, rim_in=(0.62, 0.1, 0.42, 0.12), width_ratios=(4, 1), wspace=0.04
     )  # fmt: skip

@@ -59,6 +59,7 @@ def _settings(point: Point) -> list[str]:
 
 
 def _figure(measured: Sequence[Point], axis: str, name: str) -> Figure:
+    """One number over the f-number or the focus, a line for each plane and other setting, with 95 % bars."""
     lines: dict[tuple[Any, ...], list[Point]] = {}
     for one in measured:
         if getattr(one.setting, axis) is not None:

@@ -103,6 +103,7 @@ def _plane_blocks(report: Report, photograph: PhotographEdges, record: EdgeRecor
 
 
 def _cells(record: EdgeRecord, outcome: EdgeOutcome) -> list[str]:
+    """Verdict, direction, region and numbers of an edge in the result's unit."""
     roi, result = outcome.roi, record.result
     numbers = {} if outcome.value is None else convert_numbers(outcome.value.numbers, result.unit, result.factor)
     words = [f"{label(name).replace(' across the edge', '').replace(' of the edge', '')} {quantity(number)}"

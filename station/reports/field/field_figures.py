@@ -106,6 +106,7 @@ def _panels(
 
 
 def _title(panel: _Panel) -> str:
+    """Title and unit, in two lines where one is wider than the panel."""
     words = f"{panel.title}, {panel.unit}" if panel.unit else panel.title
     return words.replace(", without", ",\nwithout")
 

@@ -136,6 +136,7 @@ def with_medians(one: PlaneResult, result: FieldResult) -> PlaneResult:
 
 
 def _heights(fitted: Mapping[str, PlaneField], photosite: Photosite | None) -> dict[str, list[HeightCurve]]:
+    """The MTF over image height of the planes with a field around the frame's centre."""
     curves = {}
     for name, one in fitted.items():
         without = WithoutPhotosite(photosite, one.pitch) if photosite else None
@@ -175,6 +176,7 @@ def _plane_entry(one: PlaneField) -> dict[str, Any]:
 
 
 def _colour_entry(colour: LateralColour) -> dict[str, Any]:
+    """Record entry of lateral colour: the largest radial shift between the planes."""
     radial, _ = colour.maps()
     if radial.uncertainty is None or not np.isfinite(radial.value).any():
         return {"reference": colour.reference}

@@ -259,6 +259,7 @@ def _focus_section(result: FieldResult) -> list[Section]:
 
 
 def _file_section(fitted: Mapping[str, PlaneField]) -> list[Section]:
+    """The file, and the five lines that read it, for a place in the middle of a plane."""
     if not fitted:
         return []
     name, one = next(iter(fitted.items()))

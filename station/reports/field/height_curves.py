@@ -70,6 +70,7 @@ def heights_figure(
 
 
 def _draw_other(axes: Axes, name: str, columns: HeightColumns, marker: str, own: Sequence[float], unit: str) -> None:
+    """Curves of another field, named once, with their frequencies if they differ."""
     frequencies = np.unique(columns["frequency"])
     same = len(frequencies) == len(own) and np.allclose(frequencies, own, rtol=SAME)
     at = "" if same else f", at {', '.join(f'{one:.3g}' for one in frequencies)} {unit}"

@@ -138,6 +138,7 @@ class BenchCamera(AlpacaDevice):
         return 0
 
     def _shown_part(self) -> Mosaic:
+        """The numbers of the requested subframe. Raises AlpacaError if there is no image."""
         if not self._image_ready():
             raise refuse_operation("there is no image; begin with StartExposure, and wait for ImageReady")
         levels = self._last.levels

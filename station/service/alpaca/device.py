@@ -150,6 +150,7 @@ class AlpacaDevice:
         return known[name.lower()](words)
 
     def _connect(self) -> None:
+        """Connect missing devices. Raises InUse, DeviceError."""
         missing = [one for one in self.devices.values() if one.condition().word == "not connected"]
         if missing:
             with self.served.tenancy.held(f"the connecting of {self.name}"):

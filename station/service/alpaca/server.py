@@ -112,6 +112,7 @@ class AlpacaServer:
         return refused(503, f"the server shut down before {device.name} answered", "ask again once it runs")
 
     def _answered(self, given: Parameters, make: Callable[[int], Response]) -> Response:
+        """The answer of `make` to the client's number; an error becomes its number and message."""
         client = 0
         try:
             client = given.transaction()

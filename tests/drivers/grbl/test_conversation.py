@@ -12,13 +12,13 @@ from .axes import AXES
 
 @pytest.mark.parametrize("variant", ["GRBL", "grblHAL", "FluidNC"])
 def test_the_firmware_is_reported_by_greeting_and_questions(make, twin, variant):
-    twin.variant = variant
+    twin.program.variant = variant
     axes = [GrblAxis("z_mm", "X", 3000.0, travel=1500.0)]
     assert make(axes).connect().model == variant
 
 
 def test_the_size_of_its_buffer_is_read_not_assumed(make, twin):
-    twin.rx_bytes = 1024
+    twin.program.rx_bytes = 1024
     stage = make()
     stage.connect()
     assert stage.link.rx_bytes == 1024

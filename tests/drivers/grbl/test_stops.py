@@ -168,7 +168,7 @@ def test_a_door_is_named_and_the_move_goes_on_from_where_it_stood(homed, bench, 
 
 def test_a_door_is_named_where_reports_report_of_a_jog_that_goes_on(homed, bench, twin):
     # grblHAL's simulator, 2026: neither hold nor cancelling ends it, and resuming makes it a program
-    twin.variant = "grblHAL"
+    twin.program.variant = "grblHAL"
 
     def open_the_door():
         bench.clock.sleep(1.0)
@@ -194,7 +194,7 @@ def test_a_feed_hold_is_named(homed, bench):
 
 @pytest.mark.slow
 def test_a_feed_override_is_named_and_waited_for(homed, twin, bench):
-    twin.feed_override = 40
+    twin.motion.overrides[0] = 40
     for _ in range(20):  # reported in some reports only
         homed.link._transport.write(b"?")
     bench.clock.sleep(0.1)

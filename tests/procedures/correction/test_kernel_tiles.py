@@ -13,7 +13,7 @@ def field():
     return LENS.field("Y").field
 
 
-def test_filters_keep_flat_light_and_the_noise_gain_that_was_asked_for_on_the_sensors_grid(field):
+def test_filters_keep_flat_light_with_the_noise_gain_asked_for_and_a_gaussians_width(field):
     tiles = kernel_tiles({"Y": field}, noise_gain=2.0, columns=3, size=9)
     np.testing.assert_allclose(tiles.kernels.sum(axis=(-2, -1)), 1, atol=1e-9)
     assert np.median(tiles.noise_gain) == pytest.approx(2.0, rel=2e-3)  # the root's tolerance
@@ -24,9 +24,6 @@ def test_filters_keep_flat_light_and_the_noise_gain_that_was_asked_for_on_the_se
         kernel_tiles({"R": field, "B": field})
     with pytest.raises(BadParameter, match="a noise gain above 1"):
         kernel_tiles({"Y": field}, noise_gain=1.0)
-
-
-def test_the_width_of_a_gaussian_is_its_own():
     f = np.fft.fftfreq(64)
     gaussian = np.exp(-2 * (np.pi * 1.3) ** 2 * (f[:, None] ** 2 + f**2))
     assert gaussian_width(gaussian) == pytest.approx(1.3, rel=0.01)  # rings of a sixty-fourth of a cycle per pixel

@@ -79,7 +79,7 @@ def six():
     return RawFrame(Path("six.pgm"), "", {"Y": plane}, None), photograph.truths[0].optics
 
 
-def test_a_field_gives_the_cameras_mtf50_between_the_charts(six):
+def test_a_field_gives_mtf50_between_the_charts_and_refuses_too_few(six, shot):
     frame, optics = six
     psf = estimate_field([frame], CHART, PARAMETERS)["Y"].result().at(100.0, 140.0)
     mtf50 = assess(psf, n=6).numbers["mtf50_horizontal"]
@@ -87,9 +87,6 @@ def test_a_field_gives_the_cameras_mtf50_between_the_charts(six):
     true = f[np.flatnonzero(true_mtf(optics, f, 0.0) < 0.5)[0]]
     # four standard uncertainties, and a step of the frequencies
     assert abs(mtf50.value - true) < 4 * mtf50.uncertainty + 1e-3
-
-
-def test_a_plane_with_too_few_charts_is_refused_with_the_reason(shot):
     outcomes = estimate_field([read_frame(shot.path, ["G1"])], CHART, PARAMETERS)
     assert outcomes["G1"].verdict is Verdict.REFUSED
     assert "6 places of the frame or more; plane G1 has 2" in outcomes["G1"].reason

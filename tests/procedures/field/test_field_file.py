@@ -78,7 +78,7 @@ def test_the_file_alone_gives_the_tail_at_every_place(written, interpolated):
 
 
 @pytest.mark.slow
-def test_a_file_of_an_older_version_has_no_tail(written, interpolated, tmp_path):
+def test_the_file_has_units_and_conventions_and_older_or_other_files_are_told(written, interpolated, tmp_path):
     old = tmp_path / "field.h5"
     shutil.copy(written, old)
     with h5py.File(old, "r+") as file:
@@ -91,10 +91,6 @@ def test_a_file_of_an_older_version_has_no_tail(written, interpolated, tmp_path)
     # the support alone is interpolated: by other components, within the noise
     expected = interpolated.field.at(300.0, 200.0).h
     assert np.linalg.norm(field.at(300.0, 200.0).h - expected) < 0.02 * np.linalg.norm(expected)
-
-
-@pytest.mark.slow
-def test_every_array_has_its_unit_and_the_file_its_conventions(written):
     with h5py.File(written) as file:
         assert file.attrs["schema"] == "station/psf-field/2"
         assert "pixel centres at integers" in file.attrs["conventions"]
@@ -105,10 +101,6 @@ def test_every_array_has_its_unit_and_the_file_its_conventions(written):
             )
         )
     assert {name.split("/")[-1] for name in without} == {"source", "number"}
-
-
-@pytest.mark.slow
-def test_other_files_are_refused(tmp_path):
     (tmp_path / "a.h5").write_bytes(b"no HDF5")
     with pytest.raises(BadInput, match="cannot be read as HDF5"):
         field_file.read_field(tmp_path / "a.h5")
@@ -181,12 +173,9 @@ def test_what_was_read_is_written_again_the_same(lens, tmp_path):
     assert twice.model.name == again["Y"].model.name
 
 
-def test_an_outcome_is_no_field(tmp_path):
+def test_an_outcome_is_no_field_and_vignetting_belongs_to_a_plane_of_its_size(tmp_path):
     with pytest.raises(TypeError, match=r"outcome.result\(\)"):
         field_file.write_field(tmp_path / "a.h5", {"Y": Outcome(SmallLens((60, 80)).field("Y").field)})
-
-
-def test_vignetting_belongs_to_a_plane_of_its_size(tmp_path):
     path, slope = tmp_path / "a.h5", np.array([0.1, 0.0])
     field_file.write_field(path, {"Y": SmallLens((60, 80)).field("Y").field})
     with pytest.raises(BadInput, match="size of the field, 80 x 60 pixels; got 80 x 61"):

@@ -96,7 +96,7 @@ def root_of(covariance):
     return vectors * np.sqrt(np.maximum(values, 0))
 
 
-def test_the_error_of_the_tails_priors_does_not_average_out(interpolated):
+def test_every_psf_has_sum_1_and_the_tails_priors_do_not_average_out(interpolated, places):
     # cos 4 and sin 4 are known by their priors alone: a share of 0.3 of the mean tail, at every node the same
     base = interpolated.field.nodes[0].psf
     of_shapes = (0.3 * base.tail.amplitudes[0]) ** 2
@@ -109,9 +109,6 @@ def test_the_error_of_the_tails_priors_does_not_average_out(interpolated):
     # the other parameter's noise contributes parts in a thousand through the components
     np.testing.assert_allclose(np.diag(noise)[-2:], of_shapes, rtol=0.01)
     assert noise[0, 0] < 0.5 * 1e-6
-
-
-def test_every_psf_has_sum_1(interpolated, places):
     # the noise drawn for the nodes adds to 1e-7
     np.testing.assert_allclose(interpolated.field.samples(places).sum(axis=(1, 2)), 1, atol=1e-6)
 

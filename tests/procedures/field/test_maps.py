@@ -50,7 +50,7 @@ def test_maps_reach_the_frames_corners_with_larger_uncertainty(camera, maps):
     assert np.mean(np.abs(off) < 1.96) >= 0.75
 
 
-def test_directions_are_meridional_along_the_radius_and_sagittal_across(covariance):
+def test_directions_follow_the_radius_and_places_are_centred_on_the_frame(covariance):
     # wide along x: meridional detail is lost to the right of the centre, sagittal detail below it
     x = (np.arange(K) - K // 2) / S
     h = np.exp(-((x / 0.9) ** 2) - (x[:, None] / 0.5) ** 2)
@@ -61,9 +61,6 @@ def test_directions_are_meridional_along_the_radius_and_sagittal_across(covarian
     assert below[0] < below[1]
     assert right[2] == pytest.approx(right[0] - right[1])
     np.testing.assert_allclose(right[:2], below[1::-1], rtol=1e-6)
-
-
-def test_places_of_a_map_are_centred_on_the_frame():
     x, y = grid((500, 750), 15)
     assert (len(x), len(y)) == (15, 10)
     assert x[0] + x[-1] == pytest.approx(749)

@@ -26,16 +26,13 @@ def test_a_nearly_frontal_chart_is_turned_in_two_steps(present, turn):
     assert f"by {abs(turn):.0f}°, its {'right' if turn > 0 else 'left'} edge nearer" in advice.say
 
 
-def test_a_pose_and_the_camera_of_the_data_sheet_are_placed():
+def test_poses_are_placed_and_views_planned_where_they_matter_most():
     turned = as_pose(ChartPose((1.0, 2.0, 3.0), 90.0, 0.0, 0.0))
     np.testing.assert_allclose(turned.R @ [1, 0, 0], [0, 0, -1], atol=1e-12)  # yaw: its right edge nearer
     np.testing.assert_allclose(as_pose(ChartPose((0, 0, 1.0), 0.0, 0.0, 90.0)).R @ [1, 0, 0], [0, 1, 0], atol=1e-12)
     np.testing.assert_array_equal(turned.t, [1, 2, 3])
     camera = geometry_plan.nominal_camera((20, 30), 50.0)
     np.testing.assert_allclose(camera.project(np.array([[0.0, 0, 1], [0.1, 0.2, 1]])), [[14.5, 9.5], [19.5, 19.5]])
-
-
-def test_views_are_planned_for_the_place_that_matters_most():
     poses = tuple(
         ChartPose((0.0, 0.0, 1000.0), yaw, pitch, 0.0) for yaw, pitch in ((0.0, 0.0), (25.0, 0.0), (0.0, -25.0))
     )

@@ -21,13 +21,10 @@ def points(rng) -> np.ndarray:
     return rng.uniform([-0.3, -0.2, 0.9], [0.3, 0.2, 1.1], (40, 3))
 
 
-def test_without_control_points_it_is_its_formula(points):
+def test_a_spline_camera_agrees_with_its_formula_planes_differences_and_rays(points, bent):
     np.testing.assert_array_equal(PLAIN.project(points), BASE.project(points))
     assert PLAIN.names[:8] == BASE.names
     assert (PLAIN.names[8], PLAIN.names[-1], len(PLAIN.names)) == ("spline_x_0_0", "spline_y_6_4", 78)
-
-
-def test_control_points_on_a_plane_give_a_plane():
     # a cubic B-spline keeps polynomials of the first degree: its control points lie a piece apart, from -1
     i, j = np.meshgrid(np.arange(7) - 1, np.arange(5) - 1)
     field = np.stack([1 + 2 * i - j, 0.5 * i + 3 * j], axis=-1)
@@ -35,9 +32,6 @@ def test_control_points_on_a_plane_give_a_plane():
     places = BASE.frame_grid(9, 7)
     u, v = (places / [639, 479] * [4, 2]).T
     np.testing.assert_allclose(camera.correction(places), np.column_stack([1 + 2 * u - v, 0.5 * u + 3 * v]), atol=1e-12)
-
-
-def test_derivatives_are_those_of_differences(bent, points):
     steps = np.where(np.array(bent.units) == "pixel", 1e-3, 1e-7)
     for i in (0, 2, 4, 7, 8, 30, 77):
         step = steps[i] * np.eye(len(bent.params))[i]
@@ -47,15 +41,9 @@ def test_derivatives_are_those_of_differences(bent, points):
     for i, axis in enumerate(1e-6 * np.eye(3)):
         change = bent.project(points + axis) - bent.project(points - axis)
         np.testing.assert_allclose(bent.by_points(points)[..., i], change / 2e-6, rtol=1e-5, atol=1e-3)
-
-
-def test_rays_project_to_their_pixels(bent):
     pixels = BASE.frame_grid(8, 6)
     np.testing.assert_allclose(bent.project(bent.rays(pixels)), pixels, atol=1e-6)
     assert np.isnan(bent.project(np.array([[0.1, 0.1, -1.0]]))).all()
-
-
-def test_the_spacing_of_control_points_is_the_same_along_both_sides():
     assert spline_models("OPENCV", 6000, 4000) == ("OPENCV+SPLINE_12X9", "OPENCV+SPLINE_18X13")
     assert spline_models("OPENCV", 400, 4000)[0] == "OPENCV+SPLINE_4X12"
 

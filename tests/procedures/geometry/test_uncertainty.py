@@ -12,7 +12,7 @@ from procedures.geometry.uncertainty import (
 )
 
 
-def test_projection_agrees_with_its_derivative(geometry):
+def test_projection_agrees_with_its_derivative_and_is_known_worse_outside_the_charts(geometry):
     fit, rng = geometry.adjustment, np.random.default_rng(8)
     pixels, distance = geometry.camera.frame_grid(4, 3), 500.0
     change = 1e-2 * np.sqrt(np.diag(fit.covariance)) * rng.standard_normal(len(fit.covariance))
@@ -26,9 +26,6 @@ def test_projection_agrees_with_its_derivative(geometry):
     camera = geometry.camera.with_params(geometry.camera.params + change[:p])
     seen = camera.project(np.mean(moved, axis=0))
     np.testing.assert_allclose(projection_derivative(fit, pixels, distance) @ change, seen - pixels, atol=1e-6)
-
-
-def test_the_frame_is_known_worse_outside_the_charts_and_an_adequate_model_has_no_systematic_residual(geometry):
     inside, corner = np.array([geometry.camera.centre]), np.array([[0.0, 0.0]])
     near = geometry.maps[0].distance_mm
     assert projection_uncertainty(geometry.adjustment, corner, near) > 2 * projection_uncertainty(
@@ -38,14 +35,11 @@ def test_the_frame_is_known_worse_outside_the_charts_and_an_adequate_model_has_n
     assert geometry.misfit.rms_px < 0.005
 
 
-def test_the_region_holds_its_points_and_not_the_corners():
+def test_the_response_predicts_the_change_of_the_camera_within_its_covariance(geometry):
     square = np.array([[10.0, 10], [20, 10], [20, 20], [10, 20], [15, 15]])
     region = covered_region(square)
     assert len(region) == 4
     np.testing.assert_array_equal(enclosed(region, np.array([[15.0, 12], [10, 10], [9, 9]])), [True, True, False])
-
-
-def test_the_response_predicts_the_change_of_the_camera(geometry):
     rng = np.random.default_rng(21)
     before = adjust(geometry.adjustment.state, geometry.adjustment.problem)
     views, response = before.problem.views, camera_response(before)
@@ -58,9 +52,6 @@ def test_the_response_predicts_the_change_of_the_camera(geometry):
     assert np.abs(expected / spread).max() > 2
     # both adjustments converge to a thirtieth of an uncertainty; the model is slightly nonlinear over three
     np.testing.assert_allclose(change / spread, expected / spread, atol=0.15)
-
-
-def test_the_response_to_noise_is_within_the_covariance_of_the_camera(geometry):
     fit = geometry.adjustment
     carried = np.zeros((len(geometry.camera.params),) * 2)
     for view, response in zip(fit.problem.views, camera_response(fit), strict=True):

@@ -91,7 +91,7 @@ def test_spectra_and_columns_are_those_of_the_tails_shapes(rng):
     np.testing.assert_array_equal(tail_columns(u, rows, columns, s, K, 2), found[:, :2])
 
 
-def test_light_from_far_is_the_sum_over_the_pixels(rng: np.random.Generator) -> None:
+def test_light_from_far_is_the_sum_over_the_pixels_in_units_of_each(rng):
     s, picture = 2, np.zeros((300, 280))
     spot = (150 + 60, 140 - 45)  # 75 pixels from the pixel that is asked
     picture[spot] = 1.0
@@ -104,9 +104,6 @@ def test_light_from_far_is_the_sum_over_the_pixels(rng: np.random.Generator) -> 
     assert far_light(picture, (140, 150), (1, 1), s, K)[0, 0] == pytest.approx(ring, rel=0.01)
     # the picture goes on beyond its edges as it ends there
     np.testing.assert_allclose(far_light(picture, (0, 290), (10, 20), s, K), ring, rtol=0.01)
-
-
-def test_light_from_far_is_in_units_of_the_levels_and_of_each_pixel(rng: np.random.Generator) -> None:
     picture = rng.uniform(-0.5, 0.5, (150, 140))
     whole = far_light(picture, (20, 30), (40, 60), 2, K)
     raised = far_light(100 + 800 * (picture + 0.5), (20, 30), (40, 60), 2, K, levels=(100, 900))

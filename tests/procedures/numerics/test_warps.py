@@ -58,12 +58,9 @@ def bent(rng: np.random.Generator) -> CubicWarp:
     return CubicWarp(H_TILTED, np.array([100.0, 60.0]), 80.0, 0.3 * rng.standard_normal((2, 9)))
 
 
-def test_backward_undoes_forward(bent: CubicWarp, rng: np.random.Generator) -> None:
+def test_maps_are_inverted_displaced_and_derived(bent, rng):
     points = rng.uniform(40, 160, (50, 2))
     np.testing.assert_allclose(bent.backward(bent.forward(points)), points, atol=1e-6)
-
-
-def test_displaced_map_moves_by_its_columns_and_keeps_its_mean(bent: CubicWarp, rng: np.random.Generator) -> None:
     points, change = rng.uniform(40, 160, (200, 2)), 1e-4 * rng.standard_normal((2, 9))
     monomials = bent.monomials(points)
     moves = np.stack([displacement_columns(np.eye(2)[[axis] * 200], monomials) @ change.ravel() for axis in (0, 1)], 1)
@@ -72,9 +69,6 @@ def test_displaced_map_moves_by_its_columns_and_keeps_its_mean(bent: CubicWarp, 
     local = np.linalg.solve(bent.derivative(points), shift[..., None])[..., 0]
     assert np.abs(local - moves).max() < 0.05 * np.abs(moves).max()
     assert np.abs(moves.mean(axis=0)).max() < 1e-12
-
-
-def test_derivative_without_displacement_is_the_jacobian(bent: CubicWarp) -> None:
     plain = replace(bent, displacement=np.zeros((2, 9)))
     np.testing.assert_allclose(plain.derivative(plain.centre[None])[0], plain.jacobian(), rtol=1e-6)
 

@@ -56,32 +56,20 @@ def page(request: pytest.FixtureRequest, printed: Callable[[float], tuple[Sheet,
     return printed(request.param)
 
 
-def test_page_has_the_size_of_its_paper(page: tuple[Sheet, Image]) -> None:
+def test_cells_corners_and_margin_are_on_the_page_where_the_geometry_says(page, source):
     sheet, image = page
     # pdftoppm rounds up to whole pixels
     assert image.shape == pytest.approx((sheet.height_mm * MM, sheet.width_mm * MM), abs=1)
-
-
-def test_all_cells_come_back(page: tuple[Sheet, Image], source: Source) -> None:
-    sheet, image = page
     x, y = sheet.noise_corner_mm
     centres = (np.arange(CELLS) + 0.5) * sheet.size.cell_mm
     rows, columns = ((y + centres) * MM).astype(int), ((x + centres) * MM).astype(int)
     np.testing.assert_array_equal(image[np.ix_(rows, columns)] > 127, source.chart.cells == 1)
-
-
-def test_x_corners_are_where_the_geometry_says(page: tuple[Sheet, Image]) -> None:
-    sheet, image = page
     # pixel i covers i to i + 1: its centre, which cv2 calls i, is at i + 1/2
     places = (np.array(sheet.noise_corner_mm) + X_CORNERS * sheet.size.cell_mm) * MM - 0.5
     started = (places + 0.2 * MM).astype(np.float32)  # well off, so that the answer is the image's
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-3)
     found = cv2.cornerSubPix(image, started.reshape(-1, 1, 2), (20, 20), (-1, -1), criteria).reshape(-1, 2)
     assert np.abs(found - places).max() / MM < 0.05
-
-
-def test_margin_around_the_chart_is_white(page: tuple[Sheet, Image]) -> None:
-    sheet, image = page
     (x, y), whole, quiet = sheet.corner_mm, sheet.size.whole_mm, sheet.size.quiet_mm
     assert y >= quiet
     assert x >= quiet

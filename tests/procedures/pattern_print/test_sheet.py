@@ -32,30 +32,21 @@ def sheet(request: pytest.FixtureRequest, plain: Source) -> Sheet:
     return lay_out(plain, Size(request.param))
 
 
-def test_chart_with_its_margin_lies_on_the_paper(sheet: Sheet) -> None:
+def test_the_sheet_holds_chart_margin_and_caption_apart_also_as_a_pdf(sheet):
     x, y = sheet.corner_mm
     size = sheet.size
     # micrometres of rounding do not matter on paper
     assert min(x, y) >= size.quiet_mm - 1e-6
     assert x + size.whole_mm + size.quiet_mm <= sheet.width_mm + 1e-6
-
-
-def test_caption_keeps_off_the_white_margin_and_the_printer_s_edge(sheet: Sheet) -> None:
     below = sheet.corner_mm[1] + sheet.size.whole_mm + sheet.size.quiet_mm
     for left, top, right, bottom in [*map(text_box, sheet.caption.texts), *line_boxes(sheet.caption)]:
         assert top >= below
         assert left >= EDGE_MM
         assert right <= sheet.width_mm - EDGE_MM
         assert bottom <= sheet.height_mm - EDGE_MM
-
-
-def test_nothing_is_written_over_anything_else(sheet: Sheet) -> None:
     boxes, lines = [text_box(text) for text in sheet.caption.texts], line_boxes(sheet.caption)
     assert all(apart(a, b) for a, b in combinations(boxes, 2))
     assert all(apart(box, line) for box in boxes for line in lines)
-
-
-def test_page_can_be_a_pdf(sheet: Sheet) -> None:
     assert max(sheet.width_mm, sheet.height_mm) <= PDF_LIMIT_MM
 
 

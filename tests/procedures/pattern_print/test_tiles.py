@@ -41,14 +41,11 @@ def tiling(request: pytest.FixtureRequest) -> Tiling:
     return tiling_of(Size(width_mm), PAPERS[paper])
 
 
-def test_every_cell_is_on_one_sheet(tiling: Tiling) -> None:
+def test_every_cell_is_on_one_sheet_within_the_printers_edges(tiling):
     times = np.zeros((DRAWN_CELLS, DRAWN_CELLS), int)
     for tile in tiling.tiles:
         times[tile.top : tile.bottom, tile.left : tile.right] += 1
     assert (times == 1).all()
-
-
-def test_cells_and_their_band_fit_between_the_printer_s_edges(tiling: Tiling) -> None:
     cell, taken = tiling.size.cell_mm, 2 * (EDGE_MM + BAND_MM)
     for tile in tiling.tiles:
         assert (tile.right - tile.left) * cell <= tiling.paper.width_mm - taken + ROUNDING_MM
@@ -70,7 +67,7 @@ def test_seams_lie_between_blocks(width_mm: float, paper: str, rows: tuple[int, 
     assert (tiling.rows, tiling.columns) == (rows, columns)
 
 
-def test_seams_lie_between_cells_where_needed_and_too_many_sheets_are_refused():
+def test_seams_are_between_blocks_or_cells_and_nothing_lies_over_anything_else(plain, tiling):
     # 660 mm with the border are 4 x 180 mm, of 104 cells each: three blocks, of which four sheets hold all 12
     assert tiling_of(Size(550), PAPERS["a4"]).columns == (0, 96, 192, 288, 384)
     # 5 sheets of 180 mm hold 5 x 77 cells, but only 5 x 2 blocks
@@ -78,14 +75,8 @@ def test_seams_lie_between_cells_where_needed_and_too_many_sheets_are_refused():
     with pytest.raises(BadParameter, match="at most 100 sheets; 3600 mm take 408 of A4") as refused:
         tiling_of(Size(3600), PAPERS["a4"])
     assert "larger paper" in refused.value.remedy
-
-
-def test_slanted_edges_are_not_cut(plain: Source) -> None:
     with pytest.raises(BadParameter, match="must fit on one sheet"):
         tiled(plain.with_edges(), tiling_of(Size(300), PAPERS["a4"]))
-
-
-def test_all_lies_on_the_sheets_and_nothing_over_anything_else(tiling: Tiling, plain: Source) -> None:
     for sheet in tiled(plain, tiling):
         texts, lines = [text_box(text) for text in sheet.caption.texts], line_boxes(sheet.caption)
         windows = [] if sheet.window_mm is None else [sheet.window_mm]
@@ -104,15 +95,12 @@ def _on_chart(sheet: Sheet) -> set[tuple[float, ...]]:
     return {tuple(np.round(np.array(box) - [x, y, x, y], 6)) for box in line_boxes(sheet.caption)}
 
 
-def test_neighbours_show_the_same_crosses(tiling: Tiling, plain: Source) -> None:
+def test_neighbours_share_crosses_and_every_sheet_has_its_name_and_width(tiling, plain, source):
     tiles, (_, *sheets) = tiling.tiles, tiled(plain, tiling)
     for (a, first), (b, second) in combinations(zip(tiles, sheets, strict=True), 2):
         if abs(a.row - b.row) + abs(a.column - b.column) == 1:
             # two crosses of two lines each, on both ends of the seam
             assert len(_on_chart(first) & _on_chart(second)) == 4
-
-
-def test_every_sheet_has_its_name_and_the_first_page_has_them_all(tiling: Tiling, plain: Source) -> None:
     first, *sheets = tiled(plain, tiling)
     names = [tile.name for tile in tiling.tiles]
     for name, sheet in zip(names, sheets, strict=True):
@@ -125,9 +113,6 @@ def test_every_sheet_has_its_name_and_the_first_page_has_them_all(tiling: Tiling
         (round(right - left, 6), round(bottom - top, 6)) for left, top, right, bottom in line_boxes(first.caption)
     ]
     assert {(100, 0), (0, 100)} < set(lengths)  # the rulers, whatever the size of the type
-
-
-def test_the_file_draws_cells_of_the_stated_width(source: Source) -> None:
     size = Size(300)
     data = pdf(*tiled(source, tiling_of(size, PAPERS["a4"])))
     pages = [

@@ -180,19 +180,13 @@ def test_a_dark_chart_is_exposed_longer_until_white_is_at_80_percent(shoot):
     assert mended.readings[0].value == pytest.approx(80.0, rel=0.14)
 
 
-def test_clipped_white_is_exposed_shorter(shoot):
+def test_clipped_uneven_and_missing_light_is_corrected_by_name(shoot):
     advice = check_light(shoot(exposure_s=1 / 15), FACTS)
     assert "White is clipped" in advice.say
     assert advice.by_hand["exposure_ev"] == pytest.approx(-1.0, abs=0.2)
-
-
-def test_uneven_light_names_the_darker_side(shoot):
     advice = check_light(shoot(slope=(0.2, 0.0), exposure_s=0.02), FACTS)
     assert "left side has" in advice.say
     assert "even_light" in advice.by_hand
-
-
-def test_without_a_chart_the_brightest_paper_is_exposed_for_and_the_chart_is_asked_for(shoot):
     dark = check_light(shoot(charts=0, exposure_s=1 / 500), FACTS)
     assert "too dark" in dark.say
     # the wall reflects 0.35 where paper reflects 0.9
@@ -215,19 +209,15 @@ def test_a_chart_of_another_number_is_named_by_its_cells(shoot, wrong):
 
 
 @pytest.mark.slow
-def test_a_blurred_chart_is_not_taken_for_another(shoot):
+def test_a_blurred_chart_is_the_same_chart_with_a_lower_score(shoot):
     blurred = check_light(shoot(camera=replace(CAMERA, focus_mm=FAR_MM / 1.7)), FACTS)
     assert blurred.contradictory == ()
-
-
-# --- focus, shots ------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_the_sharper_frame_has_the_higher_score(shoot):
     sharp = sharpness(shoot(), FACTS)
     soft = sharpness(shoot(camera=replace(CAMERA, focus_mm=FAR_MM / 1.12)), FACTS)
     assert sharp > 1.1 * soft
+
+
+# --- focus, shots ------------------------------------------------------------------------------------------------
 
 
 def test_the_best_place_of_a_parabola_is_its_vertex():

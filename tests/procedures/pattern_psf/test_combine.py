@@ -39,7 +39,7 @@ def draw(rng, truth, covariance, shift=0.0):
     return truth + noise + shift * np.gradient(truth, axis=1)
 
 
-def test_equal_shots_give_their_mean_and_a_share_of_their_covariance(rng, truth, covariance):
+def test_shots_are_combined_by_their_covariances_and_scatter(rng, truth, covariance):
     shots = [shot(draw(rng, truth, covariance), covariance) for _ in range(4)]
     found = combine(shots).value
     np.testing.assert_allclose(found.psf.h, np.mean([one.value.psf.h for one in shots], axis=0), atol=1e-9)
@@ -47,24 +47,15 @@ def test_equal_shots_give_their_mean_and_a_share_of_their_covariance(rng, truth,
     extra = found.psf.covariance - covariance / 4
     assert np.linalg.eigvalsh(extra).min() > -1e-12
     assert found.psf.h.sum() == pytest.approx(1)
-
-
-def test_a_sure_shot_weighs_more(rng, truth, covariance):
     slope = np.gradient(truth)[0]
     near, far = truth + 0.01 * (slope - slope.mean()), truth
     found = combine([shot(near, 9 * covariance), shot(far, covariance)]).value
     np.testing.assert_allclose(found.psf.h, 0.1 * near + 0.9 * far, atol=1e-9)
-
-
-def test_chi_square_is_one_where_only_noise_is_between_the_shots(rng, truth, covariance):
     shots = [shot(draw(rng, truth, covariance), covariance) for _ in range(9)]
     outcome = combine(shots)
     assert outcome.verdict is Verdict.PASS
     # 8 * 46 degrees of freedom: the deviation is sqrt(2 / 368)
     assert outcome.value.chi_square == pytest.approx(1.0, abs=4 * (2 / 368) ** 0.5)
-
-
-def test_the_centre_may_move_a_little_without_disagreement_and_its_scatter_is_told(rng, truth, covariance):
     shots = [shot(draw(rng, truth, covariance, shift), covariance) for shift in (-0.1, 0.0, 0.1)]
     outcome = combine(shots)
     assert outcome.verdict is Verdict.PASS

@@ -15,7 +15,7 @@ def gaussian(sigma, s, k):
     return h / h.sum(), s
 
 
-def test_sensitivity_and_stable_domain_are_those_of_the_transfer_functions():
+def test_stable_domains_are_compared_in_the_common_band():
     stability = stability_of([gaussian(one, 4, 33) for one in SIGMAS], limit=0.04)
     r2 = stability.frequencies[:, None] ** 2 + stability.frequencies**2
     mtfs = np.exp(-2 * np.pi**2 * np.square(SIGMAS)[:, None, None] * r2)
@@ -29,9 +29,6 @@ def test_sensitivity_and_stable_domain_are_those_of_the_transfer_functions():
     line = stability.mean[HALF, HALF:]
     end = float(np.interp(-least, -line, stability.frequencies[HALF:]))
     assert numbers["stable_frequency_horizontal"] == pytest.approx(end, abs=1e-6)
-
-
-def test_psfs_of_different_sampling_are_compared_in_their_common_band():
     stability = stability_of([gaussian(0.6, s, 8 * s + 1) for s in (3, 4, 5)])
     assert stability.frequencies[-1] == 1.5
     assert stability.numbers["mtf_sensitivity"].value < 0.01

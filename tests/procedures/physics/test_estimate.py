@@ -225,7 +225,7 @@ def test_l_shaped_photosites_differ_by_a_rotation_between_green_and_red(rng: np.
 
 
 @pytest.mark.slow
-def test_sensor_parameters_are_estimated_from_a_photograph_of_the_chart(rng: np.random.Generator) -> None:
+def test_the_sensor_is_estimated_from_the_chart_and_other_blur_is_reported(rng):
     # the complete path: render, add noise, estimate with the true covariance, fit the model
     optics = Optics((CircularPupil(4.0), PixelAperture(0.9, 0.9), FourSpots(0.8)), 7.5)
     sensor = Sensor(150, 150, None, bits=14, full_well_e=5e4, gain_e_per_dn=3.2)
@@ -239,10 +239,6 @@ def test_sensor_parameters_are_estimated_from_a_photograph_of_the_chart(rng: np.
     for name, true in {"side": 0.9, "separation": 0.8}.items():
         assert abs(physics.numbers[name].value - true) < 4 * physics.numbers[name].uncertainty + 0.005
     assert physics.chi_square / physics.freedom == pytest.approx(1, abs=0.4)
-
-
-@pytest.mark.slow
-def test_blur_outside_the_model_is_reported(rng: np.random.Generator) -> None:
     # an elongated Gaussian is none of the parts
     optics = camera(PixelAperture(), GaussianBlur(1.6, 0.4, 30.0), wavefront=Wavefront())
     psf, diffraction = measured(optics, "G", 0.003, rng)

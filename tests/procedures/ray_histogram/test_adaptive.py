@@ -29,15 +29,12 @@ class Renderer:
         self.film.add(row, column, light)
 
 
-def test_few_similar_pixels_get_more_samples(truth):
+def test_pixels_with_few_similar_ones_get_more_samples_and_less_error(truth):
     renderer = Renderer(truth, 1)
     renderer(np.full(truth.shape, 16))
     filtered = filter_film(renderer.film)
     more = allot(renderer.film, filtered.similar, 16 * truth.size)
     assert more[:, 47:].mean() > 1.25 * more[:, :40].mean()
-
-
-def test_adaptive_sampling_beats_even_sampling(truth):
     even = Renderer(truth, 2)
     even(np.full(truth.shape, 48))
     adaptive = Renderer(truth, 3)
@@ -61,15 +58,12 @@ def test_the_budget_is_spent_to_the_last_sample(budget, seed):
     assert more.min() >= 0
 
 
-def test_samples_go_where_they_are_missing(rng):
+def test_samples_go_where_they_are_missing_within_possible_budgets(rng, flat_film):
     # one of two equal halves has ten times the samples: the other gets all of a small budget
     film = film_of_samples(np.ones((4, 8, 40, 3)))
     film.count[:, 4:] = 4
     more = allot(film, np.full((4, 8), 9.0, np.float32), 16 * 10)
     np.testing.assert_array_equal(more[:, 4:], 10)
     np.testing.assert_array_equal(more[:, :4], 0)
-
-
-def test_impossible_budgets_are_refused(flat_film):
     with pytest.raises(BadParameter, match="got -1"):
         allot(flat_film, np.ones((24, 21), np.float32), -1)

@@ -34,7 +34,7 @@ def textured(rng):
     return truth[:, :, None] * rng.gamma(1.0, 1.0, (32, 32, 32, 1)), albedo, truth
 
 
-def test_weights_follow_the_known_truth(rng):
+def test_weights_follow_the_truth_and_the_albedo(rng, textured):
     # left of the middle the first candidate is true and the second has an error as large as the noise, right the other
     truth = np.full((48, 48, 3), 0.4)
     wrong = truth + 0.05
@@ -45,9 +45,6 @@ def test_weights_follow_the_known_truth(rng):
     np.testing.assert_allclose(sum(weights.values()), 1.0, rtol=1e-12)
     assert weights["other"][:, :16].mean() < 0.15
     assert weights["other"][:, 32:].mean() > 0.85
-
-
-def test_albedo_saves_a_texture_that_histograms_cannot_tell_from_noise(textured):
     samples, albedo, truth = textured
     halves, whole = halves_of_samples({"samples": samples, "albedo": albedo})
     blended, weights = blend(halves, whole)

@@ -26,12 +26,9 @@ def test_a_sample_on_a_node_votes_for_one_bin(v, bin_):
     np.testing.assert_allclose(film.histogram[0, 0], [expected] * 3, atol=1e-5)
 
 
-def test_a_sample_between_nodes_votes_for_both_in_proportion():
+def test_histograms_agree_with_the_published_renderers_in_constant_memory(cornell, rng):
     film = film_of_samples(np.full((1, 1, 1, 3), 7.5 * (3.25 / 18) ** 2.2))
     np.testing.assert_allclose(film.histogram[0, 0, 1, 3:5], [0.75, 0.25], atol=1e-5)
-
-
-def test_histograms_agree_with_the_published_renderers(cornell):
     # the mean light from the published histograms is the picture's wherever no sample exceeded the range; triangular
     # votes overestimate a convex function by less than the widest bin's sagitta
     film = cornell[256]
@@ -42,9 +39,6 @@ def test_histograms_agree_with_the_published_renderers(cornell):
     assert inside.mean() > 0.3
     assert excess.min() > -0.002
     assert excess.max() < 0.02
-
-
-def test_memory_does_not_grow_with_samples(rng):
     film = Film.blank(2, 2)
     before = [id(array) for array in vars(film).values()]
     for _ in range(3):

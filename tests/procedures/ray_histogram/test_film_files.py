@@ -9,7 +9,7 @@ def arrays_of(film):
     return {"image": film.mean, "hist": film.histogram, "nsamples": film.count}
 
 
-def test_a_film_is_reproduced_from_its_file(flat_film, tmp_path):
+def test_a_film_is_read_back_from_its_file_or_from_raw_samples(flat_film, tmp_path, rng):
     write_film(flat_film, tmp_path / "film.npz")
     back = read_film(tmp_path / "film.npz").checked()
     np.testing.assert_array_equal(back.mean, flat_film.mean)
@@ -17,9 +17,6 @@ def test_a_film_is_reproduced_from_its_file(flat_film, tmp_path):
     np.testing.assert_array_equal(back.count, flat_film.count)
     np.testing.assert_allclose(back.variance, flat_film.variance, rtol=1e-15)
     assert [path.name for path in tmp_path.iterdir()] == ["film.npz"]
-
-
-def test_raw_samples_are_converted_to_a_film(rng, tmp_path):
     samples = rng.random((4, 5, 6, 3))
     samples[1, 2, 3] = np.nan
     np.savez(tmp_path / "samples.npz", samples=samples)

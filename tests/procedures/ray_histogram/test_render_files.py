@@ -38,22 +38,16 @@ def test_layers_of_renderers_are_read(rng, openexr, tmp_path, renderer):
     np.testing.assert_array_equal(layers["depth"], values[depth])
 
 
-def test_a_written_picture_is_read_again(rng, openexr, tmp_path):
+def test_pictures_are_written_read_and_split_into_halves(rng, openexr, tmp_path):
     picture, spread = rng.random((2, 4, 7, 3)).astype(np.float32)
     write_exr(tmp_path / "filtered.exr", {"": picture, "uncertainty": spread})
     np.testing.assert_array_equal(read_layers(tmp_path / "filtered.exr")["image"], picture)
     channels, names = read_exr(tmp_path / "filtered.exr", ["uncertainty.G"])
     np.testing.assert_array_equal(channels["uncertainty.G"], spread[..., 1])
     assert names == ["B", "G", "R", "uncertainty.B", "uncertainty.G", "uncertainty.R"]
-
-
-def test_a_file_without_a_picture_is_refused(rng, openexr, tmp_path):
     write_exr(tmp_path / "albedo.exr", {"albedo": rng.random((4, 7, 3))})
     with pytest.raises(BadInput, match=r"needs a picture of channels R, G and B; it has albedo\.B"):
         read_layers(tmp_path / "albedo.exr")
-
-
-def test_two_openexr_pictures_are_halves(rng, openexr, tmp_path):
     for i in range(2):
         write_exr(tmp_path / f"{i}.exr", {"": 1 + rng.random((8, 9, 3)), "albedo": np.full((8, 9, 3), 0.5)})
     (first, second), whole = read_halves([tmp_path / "0.exr", tmp_path / "1.exr"])
@@ -62,9 +56,6 @@ def test_two_openexr_pictures_are_halves(rng, openexr, tmp_path):
     write_exr(tmp_path / "small.exr", {"": np.ones((7, 9, 3))})
     with pytest.raises(BadInput, match="two halves need one size"):
         read_halves([tmp_path / "0.exr", tmp_path / "small.exr"])
-
-
-def test_a_stated_variance_of_samples_becomes_that_of_the_means(rng, openexr, tmp_path):
     true = rng.uniform(0.001, 0.1, (40, 50, 1)).repeat(3, 2)  # of each picture's 16 samples' mean
     for i in range(2):
         picture = 1 + np.sqrt(true) * rng.standard_normal(true.shape)
@@ -74,7 +65,7 @@ def test_a_stated_variance_of_samples_becomes_that_of_the_means(rng, openexr, tm
     np.testing.assert_allclose(mean_variance(whole.film), true / 2, rtol=0.1)
 
 
-def test_halves_are_even_and_odd_samples_with_their_features(rng):
+def test_halves_are_even_and_odd_samples_and_others_are_refused(rng, tmp_path):
     samples, albedo, depth = rng.random((6, 5, 8, 3)), rng.uniform(0.2, 0.9, (6, 5, 8, 3)), rng.uniform(1, 9, (6, 5))
     (first, second), whole = halves_of_samples({"samples": samples, "albedo": albedo, "depth": depth})
     np.testing.assert_allclose(first.film.mean, samples[:, :, ::2].mean(2))
@@ -82,9 +73,6 @@ def test_halves_are_even_and_odd_samples_with_their_features(rng):
     np.testing.assert_allclose(whole.light.mean, samples.mean(2) / albedo.mean(2))
     np.testing.assert_allclose(first.guides, second.guides)  # one depth per pixel has no noise
     np.testing.assert_allclose(first.film.merge(second.film).moment2, film_of_samples(samples).moment2)
-
-
-def test_files_that_are_no_halves_are_refused(rng, tmp_path):
     np.savez(tmp_path / "few.npz", samples=rng.random((6, 5, 3, 3)))
     np.savez(tmp_path / "film.npz", image=rng.random((6, 5, 3)))
     with pytest.raises(BadInput, match="needs 4 samples per pixel or more; got 3"):

@@ -26,7 +26,7 @@ def lamps(rng):
     return film_of_samples(samples), RADIANCE * covered + WALL * (1 - covered)
 
 
-def test_the_shape_of_a_rim_lowers_the_error_that_own_samples_leave(lamps):
+def test_a_rim_lowers_the_error_and_nothing_else_is_changed(lamps, rng, flat_film):
     film, truth = lamps
     own, shaped = (filter_film(film, replace(FilterParameters(), rims=rims)).picture for rims in (False, True))
     rim = (truth[..., 0] > 0.1) & (truth[..., 0] < 29)
@@ -35,18 +35,12 @@ def test_the_shape_of_a_rim_lowers_the_error_that_own_samples_leave(lamps):
     sigma = standard_uncertainty(film, shaped)
     assert np.mean(np.abs(shaped - truth)[rim] <= 2 * sigma[rim]) > 0.85
     np.testing.assert_array_equal(own[44:], shaped[44:])
-
-
-def test_a_pixel_that_sees_the_lamp_once_is_not_raised(rng):
     y, x = np.indices((24, 24)) - 11.7
     samples = np.where((y**2 + x**2 < 16)[..., None], RADIANCE, WALL * rng.gamma(2.0, 0.5, (24, 24, 16)))
     samples[12, 17, 0] = RADIANCE
     film = film_of_samples(samples[..., None].repeat(3, -1))
     values, _ = lamp_rims(film, film.mean + 1.0)
     np.testing.assert_array_equal(values[12, 17], film.mean[12, 17])
-
-
-def test_nothing_but_a_rim_is_changed(lamps, flat_film, rng):
     film, _ = lamps
     # another number of samples, but no histograms; an even wall; a lamp of a shape that no rim has: single pixels
     bare = replace(film, histogram=film.histogram[..., :0])

@@ -48,13 +48,10 @@ def test_neighbours_reduce_the_uncertainty(light):
     assert 2 < ratio < 4
 
 
-def test_a_frame_of_another_size_is_refused(films):
+def test_frames_of_another_size_and_a_negative_reach_are_refused(films):
     wrong = Film.blank(4, 4)
     wrong.add(*np.repeat(np.indices((4, 4)).reshape(2, -1), 2, axis=1), np.ones((32, 3)))
     with pytest.raises(BadInput, match="frames of different sizes"):
         list(filter_sequence([*films[:2], wrong], SMALL))
-
-
-def test_a_negative_reach_is_refused(films):
     with pytest.raises(BadParameter, match="0 frames or more; got -1"):
         list(filter_sequence(films, SMALL, reach=-1))

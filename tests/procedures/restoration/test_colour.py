@@ -119,7 +119,7 @@ def test_estimated_error_of_a_colour_picture_is_its_error(scene, stacks):
     assert 0.88 < np.mean(error < 2 * std) < 0.995
 
 
-def test_colours_are_reproduced(scene, stacks):
+def test_colours_are_reproduced_and_shifts_in_the_masks_do_not_move_them(scene, stacks):
     grey, w = scene
     tint = np.sign(gaussian_filter(np.random.default_rng(8).standard_normal(grey.shape), 6))
     u = LIGHT[:, None, None] * grey * np.exp(np.array([0.3, 0.0, -0.2])[:, None, None] * tint)
@@ -127,11 +127,7 @@ def test_colours_are_reproduced(scene, stacks):
     truth = u[:, R:-R, R:-R]
     for c in range(3):
         assert np.std(picture[c] - truth[c]) < 0.5 * np.std(first[c] - truth[c])
-
-
-def test_a_shift_contained_in_the_masks_does_not_shift_the_picture(scene, stacks):
-    """Masks shifted by whole pixels are exact: the photographs show the scene shifted by the same amount."""
-    grey, w = scene
+    # masks shifted by whole pixels are exact: the photographs show the scene shifted by the same amount
     displaced = shifted(stacks, np.array([[0.0, 0.0], [2.0, -1.0]]))
     out = []
     for one in (stacks[1], displaced[1].middle):

@@ -125,7 +125,7 @@ def test_a_ground_truth_has_the_smallest_aperture_and_the_brightness_of_the_firs
     assert CHECKS["truth"](frame(image, f_number=5.0), {**facts, "blur_by": MOTIONS}).good
 
 
-def test_a_camera_without_a_mosaic_has_no_colour(pair):
+def test_a_ground_truth_is_known_by_its_hash_and_compared_by_its_size(pair):
     image = frame(0.8 * pair.z[0, 0] / pair.z[0, 0].max())
     advice = check_first(image, {**FACTS, "colour": COLOUR})
     assert advice.contradictory == ("colour",)
@@ -137,18 +137,12 @@ def test_a_camera_without_a_mosaic_has_no_colour(pair):
     assert list(planes_of(mosaic, known)) == ["R", "G1", "G2", "B"]
     assert list(planes_of(image, known)) == ["Y"]
     assert list(planes_of(mosaic, RestorationFacts())) == ["G1"]
-
-
-def test_the_ground_truth_is_identified_by_its_hash():
     frames = [RawFrame(Path(one), one, {}, Exposure()) for one in "abc"]
     blurred, truth = split_ground_truth(frames, RestorationFacts(truth_sha256="b"))
     assert ([one.sha256 for one in blurred], truth.sha256) == (["a", "c"], "b")
     # the hash of one before a retake
     assert split_ground_truth(frames, RestorationFacts(truth_sha256="z")) == (frames, None)
     assert split_ground_truth([replace(one, sha256="") for one in frames], RestorationFacts())[1] is None
-
-
-def test_a_ground_truth_of_another_size_makes_the_result_doubtful(pair):
     outcome = Outcome(SimpleNamespace(), Verdict.PASS)
     Y = frame(pair.z[0, 0]).planes
     other = frame(pair.z[0, 0, 4:]).planes

@@ -38,7 +38,7 @@ def measured(name, plane, size):
     raise BadInput(f"{name} cannot be read", "name another")
 
 
-def test_shapes_from_files_are_refused_when_they_are_named():
+def test_shapes_from_files_are_refused_or_end_the_search():
     ask = plan(measured).asks()["shape"]
     two, three = {"photographs": 2.0}, {"photographs": 3.0}
     for good in ("pillbox", "3.npy", "3.npy; 4.npy", "polygon:7;5.txt"):
@@ -50,9 +50,6 @@ def test_shapes_from_files_are_refused_when_they_are_named():
     assert [ask.names_file(one) for one in ("pillbox", "polygon:7", "3.npy")] == [False, False, True]
     with pytest.raises(BadParameter, match=r"no aperture is called '3\.npy'"):
         plan().asks()["shape"].check("3.npy", two)
-
-
-def test_kernels_of_motions_are_one_for_each_and_end_the_search():
     ask = plan(measured).asks()["motion_shape"]
     known = {"blur_by": MOTIONS, "photographs": 2.0}
     ask.check("search", known)
@@ -67,7 +64,7 @@ def test_kernels_of_motions_are_one_for_each_and_end_the_search():
     assert not ask.when({**known, HAS_SHAKER: True})
 
 
-def test_measured_shapes_are_common_or_one_for_each_photograph(image):
+def test_measured_shapes_are_common_or_each_photographs_and_fields_of_its_size(image):
     frames, apertures = [frame(image)] * 2, {**FACTS, "shape": "3.npy"}
     one = blur_spec(frames, facts_as(RestorationFacts, apertures), measured).source
     assert (len(one.shapes), one.ratios) == (2, (1.0, 1.25))
@@ -81,8 +78,6 @@ def test_measured_shapes_are_common_or_one_for_each_photograph(image):
     motions = {"blur_by": MOTIONS, "motion_shape": "3.npy; 5.txt"}
     assert isinstance(blur_spec(frames, facts_as(RestorationFacts, motions), measured).source, KnownShapes)
 
-
-def test_a_field_of_another_size_is_doubted_with_the_first_photograph(image):
     def of_field(name, plane, size):
         if size is not None:
             raise BadInput(f"the field is not of {plane}, {size[1]} x {size[0]}", "give whole photographs")

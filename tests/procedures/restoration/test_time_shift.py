@@ -162,7 +162,7 @@ def test_the_path_that_a_shaker_really_played_is_measured_by_a_unit_on_its_box()
         measured_path(commanded, ImuRecord(times[:30], acceleration[:30], acceleration[:30]))
 
 
-def test_the_amplitude_of_a_measured_path_has_the_uncertainty_of_the_units_noise():
+def test_the_scale_of_depth_is_as_uncertain_as_the_measured_amplitude(pictures):
     rng, angle = np.random.default_rng(9), 2 * np.pi * np.arange(32) / 32
     path = ShakerPath(1e-3 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1), 0.1 / 32, 0.0)
     times = np.arange(0, 0.4, 0.005)
@@ -175,9 +175,6 @@ def test_the_amplitude_of_a_measured_path_has_the_uncertainty_of_the_units_noise
     # the mean square of 200 draws, each of some ten normal numbers: within 10 %
     stated = np.mean([one.amplitude_uncertainty**2 for one in draws])
     assert stated == pytest.approx(np.mean(np.square(errors)), rel=0.1)
-
-
-def test_the_scale_of_depth_is_as_uncertain_as_the_amplitude_of_the_shaker(pictures):
     angle = 2 * np.pi * np.arange(32) / 32
     circle = 1e-2 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
     paths = [ShakerPath(circle, OPEN_S / 32, 0.0, amplitude_uncertainty=one) for one in (0.02, 0.01)]

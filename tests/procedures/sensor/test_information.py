@@ -69,7 +69,7 @@ def test_filters_change_neither_quanta_nor_capacity(pictures, name):
     assert capacities[1].value == pytest.approx(capacities[0].value, rel=0.002)
 
 
-def test_capacity_follows_the_formula_and_its_uncertainty_the_draws():
+def test_capacity_follows_the_formula_wider_for_an_uncertain_psf(pictures, rng):
     # a point-like PSF transmits all frequencies: 1/2 log2(1 + NEQ / 3) everywhere
     point = Psf(np.ones((1, 1)), 4, np.zeros((1, 1)))
     small = KnownSensor(rows=64, columns=64, prnu=0.0, dsnu_dn=0.0)
@@ -83,13 +83,7 @@ def test_capacity_follows_the_formula_and_its_uncertainty_the_draws():
         bits.append(found.value)
     assert np.std(z) == pytest.approx(1, abs=0.3)
     assert np.mean(bits) == pytest.approx(np.log2(1 + neq / 3) / 2, rel=0.01)
-
-
-def test_uncertain_psf_widens_the_capacity(pictures, rng):
     noise = measure_noise_power(pictures, SENSOR.gain * ELECTRONS)
     sure, unsure = (information(gaussian(0.5, u), noise, rng).numbers["information_capacity"] for u in (1e-6, 3e-3))
     assert unsure.uncertainty > 2 * sure.uncertainty
-
-
-def test_pictures_smaller_than_a_block_give_none():
     assert measure_noise_power([np.zeros((20, 100))] * 2, 1.0) is None

@@ -37,7 +37,7 @@ def heights(plane, bend, rng):
     return true + rng.multivariate_normal(np.zeros(9), NOISE)
 
 
-def test_the_coverage_of_the_intervals_is_95_percent():
+def test_intervals_cover_95_percent_and_two_corrections_align_every_sensor():
     # three numbers of each of 100 sensors: 95 % of 300 is 285 +- 3.8; the scaling by residuals adds some
     rng, inside, uncertainties = np.random.default_rng(3), [], []
     for _ in range(100):
@@ -48,9 +48,6 @@ def test_the_coverage_of_the_intervals_is_95_percent():
         uncertainties.append(np.max(spread[1:] * FRAME))
     assert 0.92 <= np.mean(inside) <= 0.99
     assert np.median(uncertainties) < 2.0  # um over the frame
-
-
-def test_two_corrections_align_every_sensor():
     rng, remaining = np.random.default_rng(4), []
     for _ in range(60):
         plane, bend = random_sensor(rng)

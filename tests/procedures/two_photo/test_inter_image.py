@@ -29,21 +29,15 @@ def test_map_is_refined_to_a_hundredth_of_a_pixel_down_to_the_noise(pair):
     assert np.sqrt(fit.variance) == pytest.approx(0.002, rel=0.06)
 
 
-def test_a_change_of_light_is_eliminated(pair: Pair) -> None:
+def test_light_and_shifts_are_eliminated_and_small_regions_refused(pair):
     x = np.linspace(-1, 1, pair.far.shape[1], dtype=np.float32)
     changed = pair.far * (1 + 0.1 * x + 0.05 * x[:, None] ** 2) + 0.02 * x[:, None]
     kernels = [fit_kernel(pair.near, far, pair.H_near_far, S, K).kernel for far in (pair.far, changed)]
     first, second = (kernel / kernel.sum() for kernel in kernels)
     assert np.linalg.norm(first - second) < 0.005 * np.linalg.norm(first)
-
-
-def test_centre_follows_a_shift() -> None:
     x = np.arange(K) - K // 2
     kernel = np.exp(-((x - 0.7) ** 2 + (x[:, None] + 1.2) ** 2) / (2 * 1.3**2))
     np.testing.assert_allclose(centre_of(kernel), [0.7, -1.2], atol=1e-3)  # the support truncates 1e-4
-
-
-def test_small_common_region_is_refused(pair: Pair) -> None:
     with pytest.raises(Refused, match="need 353 far samples of the common region; it has"):
         common_region(pair.near[:90, :90], pair.far, pair.H_near_far, S, K)
 

@@ -30,7 +30,7 @@ def wall():
     return [plane(one) for one in (pairs[0].near, pairs[0].far, pairs[1].far)]
 
 
-def test_weights_are_those_of_independent_estimates_and_one_photograph_is_refused():
+def test_weights_are_those_of_independent_estimates_and_two_photographs_a_pair(wall):
     # equal noise: the mean; four times the variance: a fifth of the weight; the variance of the mean follows
     C = np.eye(9)
     h = np.full((3, 3), 1 / 9)
@@ -43,9 +43,6 @@ def test_weights_are_those_of_independent_estimates_and_one_photograph_is_refuse
     np.testing.assert_allclose(np.diag(joined.covariance), 0.8 * (1 - 1 / 9), rtol=1e-9)
     with pytest.raises(BadParameter, match="a wall needs two photographs or more; got 1"):
         estimate_psf_of_wall([np.zeros((30, 30))])
-
-
-def test_two_photographs_are_a_pair(wall):
     pair, both = estimate_psf_of_pair(wall[0], wall[2], SETTINGS), estimate_psf_of_wall([wall[0], wall[2]], SETTINGS)
     np.testing.assert_array_equal(pair.value.psf.parameters, both.value.psf.parameters)
     assert pair.value.quality.budgets == both.value.quality.budgets

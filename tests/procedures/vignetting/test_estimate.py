@@ -73,14 +73,11 @@ def test_a_slope_that_turned_with_the_flats_is_no_uncertainty(order):
     assert corner.uncertainty < 0.002  # the slopes alone would state 0.01
 
 
-def test_slopes_that_did_not_turn_keep_their_scatter():
+def test_centre_and_colour_of_the_falloff_are_the_lens_s_with_their_scatter(outcomes):
     rng = np.random.default_rng(9)
     alone = [(f"flat{i}", {"G1": flat(rng, slope=0.015 * rng.standard_normal(2))}) for i in range(4)]
     surface = estimate_vignetting(alone)["G1"].value.surface
     np.testing.assert_array_equal(surface.slope_errors, surface.slopes)
-
-
-def test_centre_and_colour_of_the_falloff_are_the_lens_s(outcomes):
     numbers = outcomes["G1"].value.numbers
     # pixels of the plane, whose centre lies a quarter of a pixel beyond the array's: the planes of a mosaic are apart
     for name, true in zip("xy", (17.75, -11.25), strict=True):

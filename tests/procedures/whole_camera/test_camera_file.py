@@ -28,7 +28,7 @@ def path(others, tmp_path):
     return tmp_path / "camera.h5"
 
 
-def test_a_camera_survives_writing_and_reading(others, path):
+def test_a_camera_survives_writing_is_read_by_prefix_and_says_why_parts_are_missing(others, path):
     found = read_camera_numbers(path)
     assert found.names == others.names
     assert found.units == others.units
@@ -36,9 +36,6 @@ def test_a_camera_survives_writing_and_reading(others, path):
     assert (found.model, found.size) == ("", (0, 0))
     np.testing.assert_array_equal(found.values, others.values)
     np.testing.assert_array_equal(found.covariance, others.covariance)
-
-
-def test_numbers_are_selected_by_prefix(others, path):
     found = read_camera_numbers(path)
     assert found.numbers("sensor.B.") == {
         "sensor.B.system_gain": (0.1, 1e-4),
@@ -49,9 +46,6 @@ def test_numbers_are_selected_by_prefix(others, path):
     (block,) = found.blocks
     assert block.how == ZERO
     assert block.why == "other photographs: the flats, and the sensor's ladder of light"
-
-
-def test_the_file_states_why_there_is_no_geometry(path):
     with h5py.File(path) as file:
         assert dict(file["geometry"].attrs) == {
             "verdict": "refused", "reason": "too few views", "remedy": "photograph more"

@@ -140,7 +140,7 @@ def test_covariances_between_parts_are_those_of_draws(charts, joint):
     assert not joint.block("psf.B", "lateral_colour.R").any()
 
 
-def test_every_pair_of_parts_has_a_block_with_its_reason(joint):
+def test_every_pair_of_parts_has_a_block_with_its_reason_and_bound(joint, charts):
     flats = CameraPart("vignetting", ("k1",), ("1",), np.zeros(1), np.eye(1), "the flats")
     blocks = {(one.first, one.second): one for one in join([*joint.parts, flats], {
         key: np.eye(SIZE + 2) for part in joint.parts for key in part.charts}).blocks}  # fmt: skip
@@ -149,9 +149,6 @@ def test_every_pair_of_parts_has_a_block_with_its_reason(joint):
     assert blocks["psf.R", "psf.B"].how == ZERO
     assert "photosites" in blocks["psf.R", "psf.B"].why
     assert blocks["lateral_colour.B", "vignetting"].why == "other photographs: the charts, and the flats"
-
-
-def test_terms_are_in_the_order_of_the_monomials_and_covariances_are_made_definite():
     assert monomial_names(2) == ["1", "x", "y", "x2", "xy", "y2"]
     apart = {("R", "a", 1): np.diag([1.0, 1.0, 1.0])}
     row = np.array([[1.0, 0.0, 0.0]])
@@ -162,9 +159,6 @@ def test_terms_are_in_the_order_of_the_monomials_and_covariances_are_made_defini
     found = join(parts, apart).covariance
     np.testing.assert_allclose(np.diag(found), [0.5, 0.5])
     assert np.linalg.eigvalsh(found).min() > -1e-12
-
-
-def test_use_of_the_sensor_is_stated_with_a_bound_of_the_correlation(charts):
     part = psf_part("R", charts.planes["R"])
     ladder = CameraPart("sensor", ("R.system_gain",), ("DN/e-",), np.ones(1), np.eye(1), "the sensor's ladder of light")
     assert with_sensor_reason(part, charts.planes) is part

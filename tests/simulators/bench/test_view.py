@@ -103,22 +103,16 @@ def test_an_exposure_during_ring_down_is_blurred_by_the_path_the_camera_took(vie
     assert spread(shaken) - spread(still) == pytest.approx(np.var(path_px) / 0.25, rel=0.15)
 
 
-def test_half_the_light_is_half_the_signal(view, world):
+def test_light_temperature_and_tilt_are_seen_in_the_frame(view, world, rng):
     bright = view.photograph(Opening(0.0, 0.02, 1)).plane("G1").mean()
     world.set_lamp(0.5, 1.0)
     dim = view.photograph(Opening(5000.0, 0.02, 2)).plane("G1").mean()
     # 32000 pixels: the noise of the mean is far below a percent
     assert dim / bright == pytest.approx(0.5, rel=0.01)
-
-
-def test_a_fixed_focus_drifts_with_temperature(world, rng):
     view = View(world, rng, focus_mm=1550.0)
     warm_s = 3 * world.room.warming_s
     drift = view._focus_mm(warm_s, 0.0) - view._focus_mm(0.0, 0.0)
     assert drift == pytest.approx(-1.5 * (world.temperature_c(warm_s) - world.temperature_c(0.0)))
-
-
-def test_a_tilted_sensor_is_out_of_focus_by_the_height_that_its_screws_give_it():
     # of four screws 10 mm out, seen from behind the right one is where the photograph's left falls
     held = SensorMount(count=4, radius_mm=10.0, pitch_mm=0.5, first_deg=0.0).turned((0.0, 0.1, 0.0, -0.1))
     assert held.slopes == pytest.approx((-5.0, 0.0))  # 50 um over 10 mm, away from the lens at the photograph's left

@@ -72,16 +72,13 @@ def test_a_perfectly_white_convex_thing_is_invisible_in_even_light(shape):
     np.testing.assert_allclose(samples, 0.7, rtol=1e-9)
 
 
-def test_gloss_never_makes_light():
+def test_light_is_conserved_by_gloss_and_by_a_closed_room():
     ball = Sphere((0, 0, 1000), 400, Material((1.0, 1.0, 1.0), gloss=0.7, exponent=20))
     camera = ThinLensCamera(8, 8, pitch_um=4000)
     picture = render(RayScene([ball], sky=(1.0, 1.0, 1.0)), camera, 400).mean((2, 3))
     # the lobe that would go below the surface is lost, so the rim is darker; four standard deviations above 1 at most
     assert picture.max() < 1.05
     assert picture[4, 4] > 0.9
-
-
-def test_light_in_a_closed_room_adds_up_as_a_geometric_series():
     # every wall shines with 1/2 and sends back 1/2: 1/2 + 1/4 + ... of 12 surfaces
     wall = Material((0.5, 0.5, 0.5), emission=(0.5, 0.5, 0.5))
     s, walls = 1000.0, []
@@ -203,7 +200,7 @@ def scene():
 CAMERA = ThinLensCamera(40, 70, pitch_um=400, f_number=2.0)
 
 
-def test_samples_do_not_depend_on_threads_or_pauses(scene):
+def test_samples_depend_on_the_seed_and_wish_alone(scene, rng):
     whole = render(scene, CAMERA, 12)
     again = render(scene, CAMERA, 12, threads=3)
     np.testing.assert_array_equal(whole, again)
@@ -213,16 +210,10 @@ def test_samples_do_not_depend_on_threads_or_pauses(scene):
         cast(scene, CAMERA, wanted, parts, seed=1, taken=taken)
         taken = parts.count()
     np.testing.assert_array_equal(whole, parts.array())
-
-
-def test_other_seeds_give_other_samples_of_the_same_light(scene):
     one, two = (render(scene, CAMERA, 16, seed) for seed in (1, 2))
     assert (one != two).any((2, 3)).mean() > 0.5
     error = np.hypot(one.std(), two.std()) / np.sqrt(one.size / 3)
     assert one.mean() == pytest.approx(two.mean(), abs=4 * error)
-
-
-def test_every_pixel_gets_as_many_samples_as_it_wants(scene, rng):
     wanted = rng.integers(0, 5, (40, 70))
     recorder, collected = Recorder(40, 70), []
     cast(scene, CAMERA, wanted, recorder, seed=1, progress=lambda done, total: collected.append((done, total)))

@@ -60,16 +60,13 @@ def test_a_wait_ends_when_another_makes_it_ready(clock):
     assert clock.together(waiter, teller)[0] == (True, 5.0)
 
 
-def test_what_a_thread_raises_is_its_outcome(clock):
+def test_the_clock_hands_on_outcomes_and_may_be_faster(clock):
     def fails():
         raise ValueError("so it goes")
 
     outcome, other = clock.together(fails, lambda: 3)
     assert isinstance(outcome, ValueError)
     assert other == 3
-
-
-def test_a_fast_clock_is_faster():
     clock = FastClock(speed=100.0)
     begin_s = clock.now_s()
     clock.sleep(1.0)

@@ -15,6 +15,8 @@ from station.procedure.schema import procedure_named, schema_of
 from tests.golden import cases
 from tests.program import run
 
+from .test_registry import here
+
 pytestmark = pytest.mark.slow
 
 
@@ -32,8 +34,9 @@ def record_of(out: Path, row: dict, name: str) -> dict:
 
 
 @pytest.fixture
-def batch(tmp_path):
-    """batch(name, text, *folders): the rows of a batch by name, and its folder."""
+def batch(tmp_path, monkeypatch):
+    """batch(name, text, *folders): the rows of a batch by name, and its folder; in this process."""
+    monkeypatch.setattr("station.batch.run._answers", here)
 
     def batch(name: str, text: str, *folders: Path, code: int = 1, options: tuple[str, ...] = ()):
 

@@ -28,6 +28,8 @@ from station.batch.stored_rows import _against
 from station.calibration.folder_photographs import Item, find_frames, singly
 from tests.program import run
 
+from .test_registry import here
+
 SLOW_FIXTURES = {"done", "interrupted"}
 ROOT = Path(__file__).parents[3]
 LIMITS = "[limits]\nmtf50_horizontal = { min = 0.4 }\n"
@@ -245,7 +247,8 @@ HOSTILE = ["<script>alert(1)</script>", "=cmd|'!A0", "line\nbreak", "\x1b[2Jclea
 
 
 @pytest.mark.slow
-def test_hostile_names_write_nothing_outside_and_break_nothing(tmp_path, chart_photograph):
+def test_hostile_names_write_nothing_outside_and_break_nothing(tmp_path, chart_photograph, monkeypatch):
+    monkeypatch.setattr("station.batch.run._answers", here)
     source, out = tmp_path / "in", tmp_path / "out"
     good = chart_photograph(tmp_path / "good.dng").read_bytes()
     source.mkdir()
@@ -306,7 +309,8 @@ def test_interrupted_batch_keeps_what_is_done(interrupted, tmp_path, times):
 
 
 @pytest.mark.slow
-def test_strict_counts_doubt_as_failure_and_json_is_the_record(tmp_path, chart_photograph):
+def test_strict_counts_doubt_as_failure_and_json_is_the_record(tmp_path, chart_photograph, monkeypatch):
+    monkeypatch.setattr("station.batch.run._answers", here)
     chart_photograph(tmp_path / "in" / "a.dng")
     row = singly([tmp_path / "in" / "a.dng"])[0]
     procedure = procedure_of(tmp_path, "")

@@ -102,14 +102,14 @@ def test_a_ruler_corrects_the_steps_per_millimetre(take):
 
 
 def test_a_move_that_takes_too_long_is_named(take, bench):
-    bench.simulated.devices["stage"].feed_override = 60
+    bench.simulated.devices["stage"].motion.overrides[0] = 60
     operator = ScriptedOperator(("Homing", "z_mm"))
     take(operator)
     assert "z_mm took" not in operator.text  # connecting resets the controller, and its overrides
 
     class Meddler(ScriptedOperator):
         def agrees(self, question):
-            bench.simulated.devices["stage"].feed_override = 60
+            bench.simulated.devices["stage"].motion.overrides[0] = 60
             return super().agrees(question)
 
     operator = Meddler(("Homing", "z_mm"))

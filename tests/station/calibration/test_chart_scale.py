@@ -39,21 +39,15 @@ def file(tmp_path) -> Path:
     return path
 
 
-def test_ruler_and_chart_expand(file):
+def test_ruler_and_chart_expand_by_the_record_of_a_certificate(file):
     scale = ChartScale.read(file)
     # the ruler was 1e-4 too long, the chart shrinks by 2e-4 until it is used
     assert scale.used_width_mm == pytest.approx(300 * (1 + 1e-4) * (1 - 2e-4), abs=1e-9)
     # 0.03 and 0.04 mm, and a tenth of expansions of 0.03 and 0.06 mm
     assert scale.uncertainty_mm == pytest.approx(np.sqrt(0.03**2 + 0.04**2 + 0.003**2 + 0.006**2))
-
-
-def test_the_record_replaces_the_width(file):
     parameters = GeometrySettings(scale=file).parameters
     assert parameters.cell_mm * 320 == pytest.approx(ChartScale.read(file).used_width_mm)
     assert parameters.scale_uncertainty == pytest.approx(ChartScale.read(file).uncertainty_mm / 300, rel=1e-3)
-
-
-def test_a_record_without_a_certificate_is_refused(file):
     file.write_text(TEXT.replace('certificate = "D-K 1"', ""))
     with pytest.raises(BadParameter, match="certificate is missing"):
         ChartScale.read(file)

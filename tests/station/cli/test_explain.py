@@ -28,12 +28,9 @@ def result(tmp_path_factory):
     return folder / "out"
 
 
-def test_every_term_of_a_budget_has_a_remedy():
+def test_every_term_has_a_remedy_and_the_last_result_is_meant(tmp_path):
     assert REMEDIES.keys() >= TERMS.keys()
     assert digital_twin.TWINS.keys() == TWIN
-
-
-def test_the_last_result_of_a_session_is_meant(tmp_path):
     for number in (1, 2, 10):
         (tmp_path / "derived" / str(number)).mkdir(parents=True)
         (tmp_path / "derived" / str(number) / "result.json").touch()

@@ -42,42 +42,27 @@ def without_comment_marks(path):
     return path
 
 
-def test_bench_is_empty_until_it_is_filled_in(written):
+def test_written_files_are_examples_whose_every_key_is_known(written):
     with pytest.raises(BadConfiguration, match="configures no devices"):
         read_config(written / "station.toml")
-
-
-def test_every_device_of_the_example_can_be_made(written):
     tables = read_config(without_comment_marks(written / "station.toml"))
     bench = make_bench(tables, folder=written)
     assert set(bench.devices) == {
         "stage", "room", "head", "shutter", "shaker", "watchdog", "camera", "imu", "rangefinder", "light",
     }  # fmt: skip
     bench.close()
-
-
-def test_procedure_asks_for_an_estimate_and_nothing_else(written):
     procedure = read_procedure(written / "procedure.toml")
     assert procedure.name == USUAL_PROCEDURE
     assert procedure.terms == USUAL
     assert procedure.settings == PatternSettings(seed=1)
-
-
-def test_every_setting_of_the_procedure_is_known(written):
     procedure = read_procedure(without_comment_marks(written / "procedure.toml"))
     assert {limit.number for limit in procedure.terms.specification.limits} == {
         "mtf50_horizontal", "mtf50_vertical", "energy_above_nyquist",
     }  # fmt: skip
     assert procedure.settings.layout is not None
     assert None not in procedure.settings.optics.values()
-
-
-def test_specification_sets_no_limit_until_it_is_filled_in(written):
     with pytest.raises(BadParameter, match="sets no limit"):
         read_specification(written / "specification.toml")
-
-
-def test_every_limit_of_the_specification_can_be_meant(written):
     parsed = read_specification(without_comment_marks(written / "specification.toml"))
     assert [(one.number, one.at, str(one.place)) for one in parsed.limits] == [
         ("mtf50", None, "anywhere"),

@@ -28,30 +28,21 @@ def used(monkeypatch):
     return use
 
 
-def test_a_doubt_about_an_unused_quantity_does_not_exclude_the_rest(used):
+def test_doubtful_refused_and_other_sensors_are_not_used(used):
     answer, models, words = used({"R": UNEVEN, "B": UNEVEN})
     assert answer.verdict is Verdict.DOUBTFUL
     assert models == {"R": 4.0, "B": 4.0}
     assert words == f"R, B: {camera.USED}"
-
-
-def test_a_plane_with_doubtful_or_refused_noise_or_response_uses_no_model(used):
     answer, models, words = used({"R": UNEVEN, "G1": SHORT, "B": REFUSED})
     assert answer.verdict is Verdict.REFUSED
     assert set(models) == {"R"}
     assert f"G1: {camera.NOT_USED}: {FEW}" in words
     assert f"B: {camera.NOT_USED}: {REFUSED.reason}" in words
-
-
-def test_a_sensor_of_another_sensitivity_is_not_used(used):
     answer, models, words = used({"R": UNEVEN}, iso=400.0)
     assert not models
     assert words == f"{camera.NOT_USED}: the sensor was measured at ISO 100, the charts were taken at ISO 400"
     assert answer.verdict is Verdict.DOUBTFUL
     assert any("ISO 400" in one.reason for one in causes_of(answer))
-
-
-def test_frames_of_a_refused_sensor_are_not_used(used):
     _, models, words = camera.sensor_used({"R": REFUSED}, 100.0)
     assert not models
     assert words == f"{camera.NOT_USED}: it was refused"

@@ -62,7 +62,7 @@ def test_a_panel_an_edge_and_a_scene_are_matched_by_their_outlines():
     assert moved(now, view_of(first)).arrow[0] == pytest.approx(-24.0, abs=4.0)
 
 
-def test_the_progress_before_an_estimate():
+def test_progress_screws_and_poses_are_coached():
     assert Goal(4, "MTF", "", inf, inf).say.startswith("MTF: more photographs are needed to state it; 4 ")
     assert Goal(4, "MTF", "", inf, 0.1).say.startswith("MTF: unknown now, ± 0.1 after the next photograph; 4 ")
     # K is a line through 0: two levels of variances known to sqrt(2/N) each
@@ -76,15 +76,9 @@ def test_the_progress_before_an_estimate():
     assert (goal.left, goal.now, goal.after) == (1, pytest.approx(3.2, abs=0.1), pytest.approx(1.9, abs=0.1))
     # brackets of the simulated bench, whose MTF at the start has 0.245 % of noise: 0.41 um a place
     assert focus_um(0.00245, 33.3) == pytest.approx(0.41, rel=0.2)
-
-
-def test_the_screws_of_a_sensor_are_shown():
     lines = screws_drawing((0.0, 90.0, 180.0, 270.0)).splitlines()
     assert (lines[0].split(), lines[-1].split()) == (["1"], ["3"])
     assert {"4", "2"} <= set(lines[5].split())
-
-
-def test_a_pose_must_be_held_without_interruption():
     times, goods = iter([0.0, 1.0, 2.0, 3.0, 4.0, 6.0]), iter([False, True, False, True, True, True])
     shown = []
     held = until_held(

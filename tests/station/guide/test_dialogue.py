@@ -28,7 +28,7 @@ def test_answer_that_agrees_or_stands_alone_is_accepted(typed, facts):
     assert len(operator.asked) == 1
 
 
-def test_an_answer_contradicting_the_camera_is_confirmed_with_both_values():
+def test_answers_that_contradict_the_camera_are_confirmed_and_invalid_ones_repeated():
     talk, operator, known = conversation(35.0, "50 mm", focal_length_mm=50.0)
     assert talk.agreed(FOCAL) == 50.0
     assert operator.asked[-1].question == (
@@ -37,16 +37,11 @@ def test_an_answer_contradicting_the_camera_is_confirmed_with_both_values():
     assert operator.asked[-1].choices == ("50 mm", "35 mm")
     talk.learn_from_photograph({"focal_length_mm": 50.0, "iso": 100})
     assert (known["focal_length_mm"], known["iso"]) == (50.0, 100)
-
-
-def test_operator_who_insists_is_not_overruled_by_the_next_photograph():
     talk, _, known = conversation(35.0, "35 mm", focal_length_mm=50.0)
     talk.learn({"focal_length_mm": talk.agreed(FOCAL)})
     talk.learn_from_photograph({"focal_length_mm": 50.0, "iso": 100})
     assert (known["focal_length_mm"], known["iso"]) == (35.0, 100)
 
-
-def test_an_invalid_answer_is_reported_and_its_question_repeated():
     def check(answer, facts):
         if answer == "gone.npy":
             raise BadParameter("there is no gone.npy", "name another file")
@@ -60,9 +55,6 @@ def test_an_invalid_answer_is_reported_and_its_question_repeated():
     with pytest.raises(Stopped):
         talk.ask(Ask("shape", "Which?", "text", check=check))
     assert operator.count("shape") == 2 + MAX_INVALID_ANSWERS
-
-
-def test_the_default_is_the_known_fact_or_else_the_derived_one():
     ask = Ask("width_mm", "How wide?", "number", "mm", 1.0, proposed=lambda facts: facts.get("paper_mm"))
     for facts, default in (({}, 1.0), ({"paper_mm": 145.0}, 145.0), ({"paper_mm": 145.0, "width_mm": 96.0}, 96.0)):
         talk, _, _ = conversation(50.0, **facts)

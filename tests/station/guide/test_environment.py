@@ -150,15 +150,12 @@ def of_chart(monkeypatch):
     return lambda estimate: {"Y": SimpleNamespace(estimate=estimate, pitch=1)}
 
 
-def test_only_photographs_from_one_place_are_compared(of_chart):
+def test_slopes_are_of_photographs_from_one_place_over_changing_temperature(of_chart):
     places = [(n, 5.0) for n in range(5)] + [(900.0, 900.0)]
     snapshots = [{"axes": {"z_mm": 1.0}}] * 5 + [{"axes": {"z_mm": 2.0}}]
     lines = {line.name: line for line in drift_lines(state_of(*snapshots), of_chart(shots_of(places)))}
     assert lines["position, to the right"].per_hour.startswith("60.000 ±")  # one pixel a minute
     assert lines["position, to the right"].per_kelvin == "—"
-
-
-def test_a_clock_that_began_again_and_a_steady_temperature_give_no_slopes(of_chart):
     estimate, reading = of_chart(shots_of([(n, 0.0) for n in range(5)])), {"value": 21.0, "unit": "°C"}
     steady = [{ENVIRONMENT: {"room": {"temperature": {**reading, "value": 21.0 + 0.03 * n}}}} for n in range(5)]
     assert drift_lines(state_of(*steady, times=[1.0, 2.0, 3.0, 1.0, 2.0]), estimate) == []

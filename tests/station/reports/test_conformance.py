@@ -37,14 +37,11 @@ def agreement(folder, key=None):
     return {one.name: one.agrees for one in check_conformance(folder, key)}
 
 
-def test_what_was_written_agrees(folder):
+def test_what_was_written_agrees_and_the_page_states_it(folder):
     assert agreement(folder, folder.parent / "key.pem") == dict.fromkeys(
         ("record", "page", "signature", "driver"), True
     )
     assert (folder.parent / "key.pem").stat().st_mode & 0o077 == 0
-
-
-def test_the_page_states_figures_digest_and_key(folder):
     record, text = json.loads((folder / RECORD).read_text()), (folder / PAGE).read_text()
     assert record["sha256"] in text
     assert record["signature"]["public_key"] in text

@@ -66,7 +66,7 @@ def test_fits_holds_samples_and_uncertainties():
     np.testing.assert_allclose(sigma, 1e-4)
 
 
-def test_fits_shows_what_the_camera_noted_and_how_it_lies():
+def test_fits_and_tiff_show_what_the_camera_noted():
     noted = Exposure(
         camera="Nikon 'D750' \u00e9" + "x" * 60, lens="50 mm", exposure_s=0.02, f_number=5.6, iso=100.0,
         focal_length_mm=50.0, captured_at="2026-03-14T10:11:12",
@@ -79,9 +79,6 @@ def test_fits_shows_what_the_camera_noted_and_how_it_lies():
     assert [float(primary[name]) for name in ("APERTURE", "EXPTIME", "FOCALLEN", "ISOSPEED")] == [5.6, 0.02, 50, 100]
     (bare, _), _ = units(psf_fits(gaussian(0.6), "G1", "0.1.0"))
     assert not {"DATE-OBS", "INSTRUME", "APERTURE"} & bare.keys()
-
-
-def test_tiff_shows_what_it_is():
     tags = exifread.process_file(io.BytesIO(psf_tiff(gaussian(0.6), "G1", Exposure(camera="Nikon D750"))))
     stated = str(tags["Image ImageDescription"])
     assert stated.startswith("support of a PSF of plane G1, 4 samples per pixel, sum 1, first row uppermost")
@@ -93,7 +90,7 @@ def with_tail(psf):
     return replace(psf, tail=PsfTail(np.array([0.04]), np.array([[1e-6]]), np.zeros((psf.k**2, 1))))
 
 
-def test_what_lies_outside_the_support_stands_beside_it():
+def test_outside_the_support_kernels_and_exponents_follow_the_standard():
     psf = with_tail(gaussian(0.6))
     share, uncertainty = psf.energy_outside
     assert 0.04 / 1.04 < share < 0.06  # 0.04 beside the support's 1, and what goes on beyond the shapes' end
@@ -107,9 +104,6 @@ def test_what_lies_outside_the_support_stands_beside_it():
     tags = exifread.process_file(io.BytesIO(data))
     assert f"energy_outside_support = {share:.6g}" in str(tags["Image ImageDescription"])
     np.testing.assert_array_equal(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED), np.float32(psf.h))
-
-
-def test_kernels_and_exponents_follow_the_standard_of_fits():
     kernel = np.arange(25.0).reshape(5, 5)
     ((header, found),) = units(kernel_fits(kernel, 2, None))
     np.testing.assert_array_equal(found, kernel)

@@ -152,12 +152,9 @@ def test_limit_in_another_unit_is_the_same_limit(unit, factor):
         assert str(unit) in found.words
 
 
-def test_unit_that_needs_an_unknown_pitch_is_refused():
+def test_results_in_other_units_need_the_pitch_and_are_the_same():
     with pytest.raises(BadParameter, match="lp/mm needs the pitch of the sensor's pixels"):
         one(Limit("mtf50_radial", least=1.0, unit=Unit.LINE_PAIRS), pixels=Pixels(2))
-
-
-def test_result_in_another_unit_is_the_same_in_all_its_parts():
     x = (np.arange(17) - 8) / 4
     h = np.exp(-(x[:, None] ** 2 + x**2) / 2)
     psf = Psf(h / h.sum(), 4, np.eye(289) * 1e-10)

@@ -63,13 +63,10 @@ def test_half_and_twice_are_named(photographed, factor):
         assert look(frame, factor * true, insisted_typed_f_number=True).good
 
 
-def test_an_f_number_that_the_camera_noted_is_not_held_against_the_photograph(photographed):
+def test_noted_f_numbers_are_not_doubted_and_their_source_is_told(photographed, plane):
     true, frame = photographed
     recorded = replace(frame, exposure=replace(frame.exposure, f_number=true))
     assert look(recorded, 2 * true).good
-
-
-def test_whose_word_the_f_number_is_is_told(plane):
     known = PatternFacts(pixel_pitch_um=4.0, typed_f_number=4.0)
     assert (known.diffraction(plane).f_number, known.diffraction(plane).stated_by) == (4.0, OPERATOR)
     recorded = replace(known, f_number=5.6)

@@ -63,14 +63,11 @@ def test_the_symmetric_start_on_the_shared_pair(noise, sigma, bar, shared_data):
     assert abs(error.mean()) < 0.1
 
 
-def test_relative_blur_of_a_cubic_is_the_difference_of_variances():
+def test_relative_blur_is_the_difference_of_variances_and_needs_masks(defocus_stacks, rng):
     # Proposition 2 on u = x^2: blurring by a symmetric mask of variance s adds s
     x = np.arange(60.0)[None, :] * np.ones((60, 1))
     numerator, curvature = initial_depth.relative_blur(x**2 + 1.5, x**2 + 4.0, "x")
     np.testing.assert_allclose((numerator / curvature)[10:-10, 10:-10], 2.5, rtol=1e-6)
-
-
-def test_a_blur_that_no_masks_have_is_no_depth(defocus_stacks, rng):
     # the second photograph is the sharper one, which no masks explain: w is taken from the surroundings
     u = gaussian_filter(rng.standard_normal((90, 110)), 1.5)
     z = np.stack([[fftconvolve(u, s.at(3.0), mode="valid")] for s in defocus_stacks])
@@ -107,7 +104,7 @@ def test_confidence_is_low_where_the_depth_is_wrong(vibrating):
     assert wrong[confident].mean() < wrong[~confident].mean()
 
 
-def test_whitened_costs_are_one_at_the_truth(vibration_stacks):
+def test_whitened_costs_are_one_at_the_truth_and_matching_fills_areas_without_texture(vibration_stacks):
     # constant depth, noise of known size: the windowed mean of a unit variance, away from the frame
     rng = np.random.default_rng(5)
     u = rng.random((140, 140))
@@ -116,9 +113,6 @@ def test_whitened_costs_are_one_at_the_truth(vibration_stacks):
     cost = initial_depth.cost_volume(z, vibration_stacks, np.full(2, 0.01), np.array([2.7]), 5)[30:-30, 30:-30]
     # floor in the whitening takes a few per cent; 4600 samples correlated over some 30
     assert cost.mean() == pytest.approx(1, abs=0.15)
-
-
-def test_matching_refines_the_best_level_and_fills_areas_without_texture():
     # a level is certain on the left only; the rest follows it rather than its own slight preference
     cost = np.full((8, 20, 6), 1.0, np.float32)
     cost[:, :4, :] = 30

@@ -50,12 +50,9 @@ def test_photographs_of_impossible_numbers_are_refused_before_curves_are_fitted(
         restore([*z], vibrating.stacks)
 
 
-def test_noise_has_no_shift(vibration_stacks):
+def test_noise_has_no_shift_and_pixels_from_outside_no_trust(vibration_stacks):
     rng = np.random.default_rng(5)
     assert not displacement(0.5 + 0.01 * rng.standard_normal((2, 1, 160, 160)), vibration_stacks).significant()
-
-
-def test_pixels_from_outside_have_no_trust():
     ramp = np.add.outer(np.arange(12.0), 2 * np.arange(16.0))[None]
     shifted, trust = shift_back(ramp, np.ones((1, 12, 16)), 2.5, -1.0)
     valid = trust[0] > 0

@@ -14,14 +14,11 @@ def square():
     return 3.0 - 0.01 * x + 0.9 * inside, inside
 
 
-def test_each_side_of_a_step_is_a_segment(square):
+def test_steps_cut_the_frame_into_segments_of_planes(square):
     w, inside = square
     labels = segments(w, 4, jump=0.35)
     assert labels.max() == 2
     assert len(np.unique(labels[inside])) == len(np.unique(labels[~inside])) == 1
-
-
-def test_a_gap_in_the_step_joins_nothing(square):
     w, _ = square
     y, x = np.mgrid[0:80, 0:100]
     # ten pixels of the border are a ramp without an edge
@@ -30,14 +27,7 @@ def test_a_gap_in_the_step_joins_nothing(square):
     labels = segments(w, 6, jump=0.35)
     assert labels.max() == 2
     assert labels[75, 95] != labels[5, 5]
-
-
-def test_a_slope_is_cut_nowhere():
-    y, x = np.mgrid[0:80, 0:100]
     assert segments(1.0 + 0.02 * x + 0.02 * y, 4, jump=0.35).max() == 1
-
-
-def test_known_borders_are_kept_where_surfaces_differ(square):
     w, inside = square
     blurred = np.where(np.abs(np.mgrid[0:80, 0:100][1] - 45) < 3, 3.2, w)  # a slightly smoothed edge
     known = inside.astype(np.int32) + 1
@@ -45,9 +35,6 @@ def test_known_borders_are_kept_where_surfaces_differ(square):
     # an edge of 2 would not be detected, and surfaces half that apart would be merged
     assert labels.max() == 1
     assert segments(blurred, 5, known, jump=1.0).max() == 2
-
-
-def test_depths_are_extrapolated_as_planes():
     y, x = np.mgrid[0:40, 0:40]
     w = 2 + 0.02 * x - 0.01 * y
     # damped slopes: exact in the middle of the known part, some per cent low ten pixels outside
@@ -55,34 +42,25 @@ def test_depths_are_extrapolated_as_planes():
     np.testing.assert_allclose(result[15:25, 5:24], w[15:25, 5:24], atol=0.06)
 
 
-def test_neighbours_surfaces_meet_across_the_border(square):
+def test_segments_meet_at_borders_and_lose_their_blemishes(square):
     w, inside = square
     result = surfaces(w, inside.astype(np.int32) + 1, 6, 2)
     near = result.near
     # both surfaces are one slope 0.9 apart, extrapolated by at most eight pixels; damped planes err by some hundredths
     assert near.any()
     np.testing.assert_allclose(np.abs(result.surface - result.other)[near], 0.9, atol=0.1)
-
-
-def test_the_second_nearest_is_another(square):
     labels = np.ones((30, 60), np.int32)
     labels[:, 20:26], labels[:, 26:] = 2, 3
     w = labels.astype(float)
     first, second = (surfaces(w, labels, 12, 1, rank) for rank in (1, 2))
     assert first.other_label[15, 18] == 2
     assert second.other_label[15, 18] == 3
-
-
-def test_blemishes_are_removed_and_edges_are_not(square):
     w, inside = square
     spoilt = w.copy()
     spoilt[10:18, 70:80] = 1.0
     labels = inside.astype(np.int32) + 1
     np.testing.assert_allclose(remove_blemishes(spoilt, labels, 4), w, atol=0.1)
     np.testing.assert_array_equal(remove_blemishes(w, labels, 4), w)
-
-
-def test_only_neighbours_of_one_segment_are_joined():
     down, across = joined(np.array([[1, 1], [2, 2]], np.int32))
     assert not down.any()
     assert across.all()

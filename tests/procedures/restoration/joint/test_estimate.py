@@ -22,7 +22,7 @@ def outcome(vibrating):
     return restore(list(vibrating.z), vibrating.stacks, RestorationParameters(scheme=Scheme(6, 6, 6, 2, 10)))
 
 
-def test_a_good_pair_passes_with_its_noise_estimated(outcome, vibrating):
+def test_a_good_pair_passes_with_noise_estimated_and_a_residual_close_to_it(outcome, vibrating):
     assert outcome.verdict == Verdict.PASS, outcome.reason
     assert outcome.value.sharp.shape == (1, 96, 112)
     assert vibrating.picture_error(outcome.value.sharp) < 8
@@ -30,9 +30,6 @@ def test_a_good_pair_passes_with_its_noise_estimated(outcome, vibrating):
     true = 0.01 * vibrating.z.std()
     # the levels' spacing and the edge add to it, the minimum over levels subtracts
     assert 0.5 * true < noise_of(vibrating.z, vibrating.stacks) < 3 * true
-
-
-def test_noise_is_estimated_from_a_single_photograph():
     rng = np.random.default_rng(4)
     scene = gaussian_filter(rng.standard_normal((120, 120)), 4)
     scene /= 4 * scene.std()
@@ -40,9 +37,6 @@ def test_noise_is_estimated_from_a_single_photograph():
     # half of the ground is clipped at black; the upper quartile is then below the noise, by less than a third
     assert noise_upper_bound(z) == pytest.approx(0.01, rel=0.33)
     assert noise_upper_bound(0.5 + 0 * z + 0.01 * rng.standard_normal(z.shape)) == pytest.approx(0.01, rel=0.05)
-
-
-def test_the_residual_is_close_to_the_noise(outcome):
     assert outcome.value.diagnostics.residual_over_noise < 1
 
 
@@ -181,14 +175,11 @@ def test_impossible_ranges_of_w_are_refused(w):
         check_max_w(w)
 
 
-def test_wrong_parameters_are_refused():
+def test_wrong_parameters_are_refused_and_noise_gain_falls_with_the_weight(vibration_stacks):
     with pytest.raises(BadParameter, match="depth start"):
         RestorationParameters(depth_start="best")
     with pytest.raises(BadParameter, match="image weight"):
         RestorationParameters(image_weight=-1.0)
-
-
-def test_noise_gain_falls_with_the_weight_and_reach_covers_masks_and_window(vibration_stacks):
     gains = [noise_gain(vibration_stacks, 2.5, weight) for weight in (1e-4, 1e-2)]
     assert gains[0] > gains[1] > 0
     assert reach_of(np.full((10, 10), 3.0), vibration_stacks) >= 2 * 3 + 5

@@ -130,13 +130,10 @@ def test_the_depth_prior_yields_to_a_smeared_step_under_strong_noise(vibration_s
     assert noisy.picture_error(yielding.u[inside]) < 0.97 * noisy.picture_error(stiff.u[inside])
 
 
-def test_a_weak_depth_prior_does_not_yield(problem, first):
+def test_weak_priors_and_missing_edges_change_nothing(problem, first):
     state, weights = joint_descent.begin(problem, first), PriorWeights(1e-3, 0.05)
     before = joint_descent.cost(problem, state.u, state.w, weights)
     assert joint_descent.cost(replace(problem, yielding=0), state.u, state.w, weights) == before
-
-
-def test_without_edges_there_are_no_layers():
     w = np.full((40, 40), 2.0)
     labels = segments.segments(w, 3, jump=0.35)
     assert labels.max() == 1

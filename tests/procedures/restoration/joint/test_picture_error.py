@@ -57,17 +57,13 @@ def stacks(masks):
     return [MaskStack(np.stack([one, one]), 1.0) for one in masks]
 
 
-def test_the_expected_error_is_the_error_for_any_error_of_the_masks(scene, restored):
+def test_the_expected_error_is_the_error_and_two_deviations_hold_95_percent(scene, restored):
     u, residual, measured = restored
     error = picture_error(stacks(measured), np.array([0.5]), np.full(BANDS, WEIGHT), residual, u, NOISE)
     # errors of masks are equal in picture and residual only on average over many masks
     assert error.std == pytest.approx(np.std(u[0] - scene), rel=0.3)
     assert error.std == pytest.approx(math.hypot(*error.budget.values()))
     assert error.blurred > 2 * error.std
-
-
-def test_two_standard_deviations_hold_95_percent_of_the_pixels(scene, restored):
-    u, residual, measured = restored
     error = picture_error(stacks(measured), np.array([0.5]), np.full(BANDS, WEIGHT), residual, u, NOISE)
     inside = np.abs(u[0] - scene) < 2 * error_map(error, residual, 7)
     # 95 % of a normal distribution; one pair of masks errs more or less in the picture than in the residual

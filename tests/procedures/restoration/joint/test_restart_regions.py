@@ -47,7 +47,7 @@ def onward(data, pair):
     return pair
 
 
-def test_residuals_are_relative_to_the_median(rng):
+def test_residuals_are_largest_in_the_wrong_region(rng, terms, notched):
     e = rng.standard_normal((2, 1, 80, 90))
     e[..., 30:50, 20:50] *= 2
     power = relative_residual(e)
@@ -55,9 +55,6 @@ def test_residuals_are_relative_to_the_median(rng):
     assert np.mean(power[:25]) == pytest.approx(1, abs=0.06)
     assert np.mean(power[34:46, 24:46]) == pytest.approx(4, rel=0.1)
     np.testing.assert_allclose(relative_residual(0.01 * e), power)
-
-
-def test_the_unexplained_region_is_the_wrong_one(terms, notched):
     pair, notch = notched
     terms[0].focus(pair.w)
     wrong = unexplained(terms[0], pair.u)
@@ -80,7 +77,7 @@ def test_a_region_of_the_wrong_surface_is_corrected(vibrating, terms, notched):
     assert (restarted_pair.labels[notch] == 2).mean() > 0.85
 
 
-def test_entirely_wrong_segments_join_their_neighbours():
+def test_wrong_segments_join_their_neighbours_where_the_residual_falls(vibrating, terms, notched):
     labels = np.ones((40, 40), np.int32)
     labels[:, 20:] = 2
     labels[5:15, 2:12] = 3
@@ -89,9 +86,6 @@ def test_entirely_wrong_segments_join_their_neighbours():
     assert set(np.unique(reliable)) == {1, 2}
     assert (reliable[wrong] == 1).all()
     assert (reliable_segments(labels, np.ones((40, 40), bool)) == labels).all()
-
-
-def test_the_smaller_residual_is_kept_locally(vibrating, terms, notched):
     pair, notch = notched
     truth = RegionAttempt(vibrating.sharp.astype(np.float32), vibrating.w.astype(np.float32), pair.labels)
     best = better_of(terms[0], pair, truth, notch)

@@ -25,22 +25,16 @@ def depths(blur, rng):
     return rng.uniform(0.3, 4.2, blur.extended)
 
 
-def test_correlation_is_the_adjoint_of_convolution(blur, depths, rng):
+def test_gradients_and_changes_are_adjoint_to_the_blur(blur, depths, rng):
     blur.focus(depths)
     u, e = rng.standard_normal((2, *blur.extended)), rng.standard_normal((2, *SHAPE))
     # equality to rounding: sums of about 1e5 products
     assert np.vdot(blur.blur(u), e) == pytest.approx(np.vdot(u, blur.blur_adjoint(e)), rel=1e-10, abs=1e-9)
-
-
-def test_gradients_are_the_adjoint_of_the_change(blur, depths, rng):
     blur.focus(depths)
     u, du = rng.standard_normal((2, 3, *blur.extended))
     dw, e = rng.standard_normal(blur.extended), rng.standard_normal((3, *SHAPE))
     gu, gw = blur.change_adjoint(u, e)
     assert np.vdot(blur.change(u, du, dw), e) == pytest.approx(np.vdot(du, gu) + np.vdot(dw, gw), rel=1e-9, abs=1e-8)
-
-
-def test_the_change_is_the_difference_of_two_blurs(blur, depths, rng):
     # masks are linear between levels, so a change that stays between them is predicted to rounding
     step = blur.stack.step
     w = (np.floor(depths / step) + 0.5) * step
@@ -83,16 +77,13 @@ def test_neighbours_may_have_masks_of_any_size(rng):
     assert np.vdot(blur.blur_adjoint(e), u) == pytest.approx(np.vdot(e, photograph), rel=1e-10)
 
 
-def test_a_field_of_equal_stacks_is_one_stack(vibration_stacks, rng):
+def test_fields_and_windows_are_blurred_as_the_whole(vibration_stacks, rng, blur, depths):
     stack = vibration_stacks[0]
     one, field = BlurOperator(stack, SHAPE), FieldBlur([[stack] * 3] * 2, SHAPE)
     w, u = rng.uniform(0.3, 4.2, one.extended), rng.standard_normal(one.extended)
     one.focus(w)
     field.focus(w)
     np.testing.assert_allclose(field.blur(u), one.blur(u), atol=1e-12)
-
-
-def test_a_window_is_blurred_as_in_the_whole(blur, depths, rng):
     y, x, R = slice(3, 21), slice(9, 45), blur.stack.R
     around = np.s_[y.start : y.stop + 2 * R, x.start : x.stop + 2 * R]
     u = rng.standard_normal(blur.extended)

@@ -55,14 +55,11 @@ def poses():
     return c.poses_of(record(zero=1.0), OPEN_S)
 
 
-def test_poses_are_recovered_from_the_unit_s_record(poses):
+def test_poses_and_their_curves_are_recovered_from_the_records(poses):
     position, turn = truth(np.linspace(0, OPEN_S, c.INSTANTS))
     # the fitted line and parabola remove some hundredths of the motion
     assert np.abs(poses.turn_rad - turn).max() < 0.01 * np.abs(turn).max()
     assert np.abs(poses.position_m - position).max() < 0.03 * np.abs(position).max()
-
-
-def test_curves_agree_with_the_velocity_field(poses):
     # (5.1) integrated step by step over the same motion
     t = np.linspace(-0.05, OPEN_S, 1001)
     imu, speed = ideal(t)
@@ -76,9 +73,6 @@ def test_curves_agree_with_the_velocity_field(poses):
     )
     # midpoint rule; the depth at the first instant is that at rest to 2e-3
     assert np.abs(projected + np.array([x, y]) - stepped).max() < 0.005 * np.abs(projected).max()
-
-
-def test_given_poses_are_unchanged_and_may_be_timed_by_the_clock():
     t = np.linspace(0.0, OPEN_S, 4001)
     position, turn = truth(t)
     given = c.poses_at(t, position * c.FLIPPED, turn * c.FLIPPED)
@@ -154,7 +148,7 @@ def test_invalid_records_are_refused(kind):
     assert refusal.value.remedy
 
 
-def test_insufficient_motion_is_refused(poses):
+def test_insufficient_motion_and_a_rig_that_meets_the_scene_are_refused(poses):
     resting = c.Poses(np.zeros((9, 3)), poses.turn_rad[:9])
     with pytest.raises(Refused, match="must move parallel"):
         c.motion_blur([resting], FOCAL, SHAPE, 1.0)
@@ -164,9 +158,6 @@ def test_insufficient_motion_is_refused(poses):
         c.motion_blur([poses], 0.0, SHAPE, 1.0)
     with pytest.raises(BadParameter, match="too large"):
         c.motion_blur([poses], FOCAL, SHAPE, 40.0)
-
-
-def test_a_rig_that_meets_the_scene_is_refused():
     ahead = np.column_stack(
         [np.linspace(0, 1e-3, 9), np.zeros(9), np.linspace(0, 2, 9)]
     )  # a point 1 m away is in its path

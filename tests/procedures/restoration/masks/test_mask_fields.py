@@ -69,13 +69,10 @@ def test_blur_of_a_lens_with_coma_is_restored_with_its_field_from_the_initial_de
     assert initial_depth.algorithm_2(photographs.z, lens, sigmas[0]).w.shape == (80, 96)
 
 
-def test_nodes_lie_over_the_frame_that_the_masks_extend():
+def test_nodes_lie_over_the_extended_frame_and_stacks_join_fields(vibration_stacks, defocus_stacks):
     y, x = positions((3, 1), (101, 61), 5)
     np.testing.assert_allclose(y, [-5, 50, 105])
     assert x == pytest.approx([30])
-
-
-def test_stacks_join_fields_that_fit_together(vibration_stacks, defocus_stacks):
     a, b = vibration_stacks
     field = MaskField(((a, b),))
     first, second = one_grid([field, a])

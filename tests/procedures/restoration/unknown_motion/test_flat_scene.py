@@ -118,7 +118,7 @@ def test_motions_and_scenes_that_determine_no_kernels_are_refused_or_doubtful(sh
         kernels_of_flat_scene(shaken[0], 28, QUICK)
 
 
-def test_photographs_without_contrast_or_of_a_few_dots_are_refused():
+def test_flat_scenes_need_contrast_and_two_photographs_without_stray_pieces(shaken):
     z = np.zeros((2, 9, 9))
     z[0, 0, :5] = z[1, 8, :5] = np.array([32, 54, 48, 32, 52]) / 255
     z[1] += 0.01
@@ -126,18 +126,12 @@ def test_photographs_without_contrast_or_of_a_few_dots_are_refused():
         kernels_of_flat_scene(z)
     with pytest.raises(Refused, match="no contrast"):
         kernels_of_flat_scene(np.full((2, 40, 40), 0.5), 3, QUICK)
-
-
-def test_one_photograph_is_refused_and_the_cropped_square_holds_all_light(shaken):
     with pytest.raises(BadInput, match="two photographs or more"):
         kernels_of_flat_scene(shaken[0][:1], R, QUICK)
     shifted = np.roll(np.pad(shaken[1], ((0, 0), (3, 3), (3, 3))), (2, -3), (1, 2)).astype(np.float32)
     cropped = free_kernels.cropped(shifted)
     np.testing.assert_allclose(cropped.sum(axis=(1, 2)), 1, rtol=1e-6)
     assert free_kernels.likeness(cropped, shaken[1]) == pytest.approx(1, abs=1e-6)
-
-
-def test_small_isolated_pieces_are_removed():
     kernel = np.zeros((1, 9, 9), np.float32)
     kernel[0, 2:5, 2:5], kernel[0, 7, 7] = 1, 0.4
     assert free_kernels.thin(kernel, 0.02)[0, 7, 7] == 0

@@ -22,7 +22,7 @@ def kernels(row):
     return masks
 
 
-def test_it_is_the_difference_of_the_two_filters(wave):
+def test_the_error_of_a_kernel_is_the_difference_of_two_filters_without_their_shift(wave):
     f = 6 / (COLUMNS - 1)
     G, stiff = 0.5 + 0.5 * np.cos(2 * np.pi * f), WEIGHT * (2 - 2 * np.cos(2 * np.pi * f))
     expected = 0.2 * abs(2 * G / (2 * G**2 + stiff) - 2 / (2 + stiff))
@@ -30,9 +30,6 @@ def test_it_is_the_difference_of_the_two_filters(wave):
     assert change.shape == (ROWS, COLUMNS)
     # a window of five pixels is a quarter of the wave: its local mean oscillates, the mean over the frame does not
     assert np.sqrt(np.mean(change**2)) == pytest.approx(expected / 2**0.5, rel=0.03)
-
-
-def test_a_common_shift_is_no_error(wave):
     blur = kernels([0, 0.25, 0.5, 0.25, 0])
     assert picture_change(wave, blur, blur, WEIGHT).max() < 1e-9
     assert picture_change(wave, blur, np.roll(blur, (1, -1), (1, 2)), WEIGHT).max() < 1e-9

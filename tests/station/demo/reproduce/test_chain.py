@@ -11,15 +11,12 @@ def pair():
     return scenes.pair(scenes.comatic(), None, (64, 64), picture=scenes.texture)
 
 
-def test_algorithm_1_lowers_the_errors_of_a_wrong_depth(pair):
+def test_algorithms_of_the_chain_lower_errors_and_cost(pair):
     stacks = scenes.stacks(scenes.comatic())
     wrong = pair.w + 0.3
     sharp, w = algorithm_1(pair.z, stacks, wrong, Alternation(3e-4, 1e-4, rounds=5, final=50))
     assert pair.w_error(w) < pair.w_error(wrong)
     assert pair.error(sharp) < pair.error(restored_at(pair, stacks, wrong))
-
-
-def test_a_step_of_steepest_descent_lowers_the_cost_as_its_slope_says(pair):
     data = data_term(pair.z, scenes.stacks(scenes.comatic()))
     w = np.pad(pair.w + 0.3, data.R, mode="edge").astype(np.float32)
     u = data.mean()
@@ -32,9 +29,6 @@ def test_a_step_of_steepest_descent_lowers_the_cost_as_its_slope_says(pair):
         costs.append(float(np.sum(data.residual(u).astype(np.float64) ** 2) / 2))
     # central difference; masks are linear in w between levels, so that a few per cent of pixels cross a kink
     assert (costs[0] - costs[1]) / (2 * step) == pytest.approx(float(np.sum(downhill**2)), rel=0.05)
-
-
-def test_a_gaussian_mask_lies_about_the_right_ones_centroid():
     shape = scenes.comatic()
     y, x = np.mgrid[-scenes.REACH : scenes.REACH + 1, -scenes.REACH : scenes.REACH + 1]
     for right, wrong in zip(scenes.stacks(shape), scenes.gaussian_stacks(shape), strict=True):

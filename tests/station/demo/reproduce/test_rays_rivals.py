@@ -12,15 +12,12 @@ def samples(rng, monkeypatch):
     return pixels, rng.gamma(1.0, 1.5, (pixels.size, 3))  # some beyond the range of the nodes
 
 
-def test_separate_histograms_are_those_of_a_film(samples):
+def test_histograms_have_the_margins_of_a_film(samples):
     pixels, colours = samples
     film = Film.blank(*rivals.SIZE)
     film.add(*np.divmod(pixels, rivals.SIZE[1]), colours)
     votes = rivals.histograms(pixels, colours, BINS, joint=False)
     assert votes == pytest.approx(film.histogram.reshape(votes.shape), abs=1e-5)
-
-
-def test_a_joint_histogram_has_the_separate_ones_as_margins(samples):
     joint = rivals.histograms(*samples, 4, joint=True).reshape(*rivals.SIZE, 4, 4, 4)
     separate = rivals.histograms(*samples, 4, joint=False).reshape(*rivals.SIZE, 3, 4)
     for colour, others in enumerate(((3, 4), (2, 4), (2, 3))):

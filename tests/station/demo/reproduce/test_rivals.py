@@ -22,19 +22,12 @@ def seen(rng):
     return A, h, A @ h.ravel()
 
 
-def test_without_noise_both_find_the_kernel(seen):
+def test_rivals_find_the_kernel_without_noise_and_lower_its_peak_with_a_penalty(seen):
     A, h, v = seen
     assert rivals.least_squares(A, v, 7) == pytest.approx(h, abs=1e-10)
     assert rivals.joshi(A, v, 7, 1e-12) == pytest.approx(h, abs=1e-8)
-
-
-def test_a_strong_penalty_lowers_the_peak_and_keeps_the_kernel_non_negative(seen):
-    A, h, v = seen
     found = rivals.joshi(A, v, 7, 1.0)
     assert found.min() >= 0
     assert found.max() < 0.8 * h.max()
-
-
-def test_psnr_of_a_known_error():
     truth = np.array([[1.0, 0.5], [0.5, 0.0]])
     assert rivals.psnr_db(truth + 0.1, truth) == pytest.approx(20.0)
