@@ -66,6 +66,7 @@ def exposure_advice(level: float, clipped: float, exposure: Exposure, subject: s
 
 
 def _change(stops: float, finding: str, exposure: Exposure, readings: tuple[Reading, ...]) -> Advice:
+    """Advice to change the exposure by this number of stops."""
     seconds = exposure.exposure_s
     if seconds is None:
         more = "more" if stops > 0 else "less"

@@ -77,6 +77,7 @@ USUAL_CODING = 0.01  # error of block coding where the file does not state its t
 
 
 def _format(data: bytes, path: Path) -> str:
+    """The format by the file's first bytes; RAW where it is no other."""
     if data.startswith(b"\xff\xd8\xff"):
         return "JPEG"
     if data[:4] == b"RIFF" and data[8:12] == b"WEBP":

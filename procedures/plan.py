@@ -544,6 +544,7 @@ def _plain(hint: Any) -> Any:
 
 
 def _as(wanted: type[Fact], name: str, value: Fact) -> Fact:
+    """A fact converted to its type. Raises BadParameter."""
     if wanted in (float, int) and isinstance(value, float | int) and not isinstance(value, bool):
         if math.isfinite(value) and (wanted is float or value == int(value)):
             return float(value) if wanted is float else int(value)

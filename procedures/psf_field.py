@@ -247,6 +247,7 @@ class PsfField:
 
     @cached_property
     def _tail_products(self) -> Array:
+        """Inner products of the tail's shapes, (q, q)."""
         kernels = tail_kernels(self.k)[: self.q]
         return np.asarray(np.tensordot(kernels, kernels, axes=([1, 2], [1, 2])))
 
@@ -397,6 +398,7 @@ class SpaceVariantBlur:
 
     @cached_property
     def _images(self) -> list[Array]:
+        """Base and components, support and tail, (K, K) each."""
         return [extended(p, self.field.k) for p in (self.field.base, *self.field.components)]
 
     @cached_property

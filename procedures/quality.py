@@ -363,6 +363,7 @@ def _radial_mean(psf: Psf, f: Array) -> tuple[Array, Array]:
 
 
 def _uncertainty(C: Array, slope: Array) -> Array:
+    """Standard uncertainties of quantities with the derivatives `slope`, for the parameters' covariance C."""
     return np.asarray(np.sqrt(np.maximum(np.einsum("ij,ij->i", slope @ C, slope), 0)))
 
 

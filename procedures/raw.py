@@ -345,6 +345,7 @@ def _check_white(path: Path, raw: Any, black: Array32) -> None:
 
 
 def _check_bayer(path: Path, raw: Any, tags: Tags) -> None:
+    """Raise BadInput unless the file holds a 2 x 2 mosaic of red, green, green and blue."""
     # LibRaw gives arbitrary answers for a DNG without a colour pattern
     if raw.num_colors == 1 or (tags and CFA_PATTERN not in tags):
         raise BadInput(f"{path} is from a monochrome sensor; a Bayer mosaic is required", _MONOCHROME)
@@ -407,6 +408,7 @@ def _scaled_plane(
     name: str, levels: Samples, black: Array32, white: float, position: tuple[int, int] | None = None,
     *, raw: bool = True,
 ) -> Plane:  # fmt: skip
+    """Plane from digital numbers; `position` (x, y) is that in the 2 x 2 cell of a mosaic."""
     mean_black = float(np.mean(black))
     samples = levels.astype(np.float32)
     samples -= black

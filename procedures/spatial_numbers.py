@@ -122,6 +122,7 @@ def section_widths(psf: Psf) -> tuple[float, float]:
 
 
 def _width(psf: Psf, name: str, axis: int) -> DrawnNumber:
+    """Width along rows (axis 1) or columns (axis 0) as in `section_widths`, with its gradient."""
     middle = psf.k // 2
     profile = psf.h[middle] if axis else psf.h[:, middle]
     used = middle * psf.k + np.arange(psf.k) if axis else middle + psf.k * np.arange(psf.k)
@@ -289,6 +290,7 @@ def _moment_weight(psf: Psf) -> Array:
 
 
 def _ellipse_numbers(psf: Psf) -> list[DrawnNumber]:
+    """Ellipticity 1 - b/a, and the major axis' angle, of the second moments under a Gaussian weight."""
     x, y = np.tile(psf.offsets_px, psf.k), np.repeat(psf.offsets_px, psf.k)
     w = _moment_weight(psf)
     monomials = np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y]) * w[:, None]

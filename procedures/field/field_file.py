@@ -264,6 +264,7 @@ def _planes(file: h5py.File) -> list[tuple[str, h5py.Group]]:
 
 @contextmanager
 def _opened(path: Path | str) -> Iterator[h5py.File]:
+    """A file of a known version. Raises BadInput where it is damaged."""
     import h5py
 
     open_file(Path(path), "PSF field").close()

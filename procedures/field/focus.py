@@ -191,6 +191,7 @@ def _optimum(series: FocusSeries, angle: float, frequency: float) -> FocusOptimu
 
 
 def _mtf(node: Node, angle: float, frequency: float) -> tuple[float, Array]:
+    """The MTF along a direction, and its derivative by the PSF's parameters."""
     value, slope = mtf_along(node.psf, np.array([frequency]), angle)
     return float(value[0]), slope[0]
 

@@ -152,6 +152,7 @@ def _folds(places: Array) -> _Folds:
 
 
 def _model(recipe: Recipe, data: WhitenedNodes, kept: Indices, V: Array) -> CoefficientModel:
+    """The model of the kept nodes. Raises ValueError where they do not determine it."""
     places, trust = data.places[kept], data.trust[kept]
     if recipe.kind == "polynomial":
         return Separate(recipe.name, Polynomial(places, trust, int(recipe.setting)))

@@ -200,6 +200,7 @@ class AxialSymmetry:
         return D, weight, cho_factor(normal)
 
     def _solved(self, values: Array) -> Array:
+        """Least-squares unknowns from the nodes' coefficients (N, r)."""
         D, weight, factor = self._normal
         return np.asarray(cho_solve(factor, D.T @ (weight * values.ravel())))
 

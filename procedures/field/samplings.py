@@ -64,6 +64,7 @@ def as_polynomial(field: PsfField, *, allowed: float) -> PsfPolynomial:
 
 
 def _fitted(field: PsfField, points: Array, psfs: Array, degree: int) -> PsfPolynomial:
+    """Least-squares fit of one degree. Raises ValueError where the points do not determine it."""
     rows, columns = field.shape
     places = in_half_diagonals(points, field.shape)
     Polynomial(places, np.ones(len(places)), degree)  # raises ValueError

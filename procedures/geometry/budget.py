@@ -67,6 +67,7 @@ def variance_parts(fit: Adjustment, *, with_shutter: bool) -> VarianceParts:
 
 
 def _inverse(U: Array, free: Indices, known: int) -> Array:
+    """Covariance (known, known) where only some unknowns are free."""
     part = U[np.ix_(free, free)]
     scale = np.sqrt(np.diag(part))
     covariance = np.zeros((known, known))

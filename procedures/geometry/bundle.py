@@ -106,6 +106,7 @@ def _resolve_tilts(bundle: Bundle, nodes: Array, views: Sequence[ChartView]) -> 
 
 
 def _better(camera: CameraModel, pose: Pose, nodes: Array, view: ChartView) -> Pose:
+    """A pose, or that of the opposite tilt where its residual is smaller."""
     # the two poses of a flat chart with the same image to first order: Collins, Bartoli, IJCV 2014
     board, points, turn = _normalised(camera, nodes, view)
     _, turns, shifts, _ = cv2.solvePnPGeneric(board, points, np.eye(3), np.zeros(4), flags=cv2.SOLVEPNP_IPPE)
@@ -169,6 +170,10 @@ def adjust_flat(camera: CameraModel, poses: Sequence[Pose], nodes: Array, views:
 def _reconstruction(
     camera: CameraModel, poses: Sequence[Pose], nodes: Array, views: Sequence[ChartView]
 ) -> pycolmap.Reconstruction:
+    """pycolmap's scene: one camera, the nodes as points, an image per view.
+
+    Non-finite numbers are refused here: Ceres aborts the process on them.
+    """
     numbers = [
         camera.params,
         nodes,

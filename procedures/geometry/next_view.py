@@ -144,6 +144,7 @@ def _widening(
 
 
 def _covered(camera: CameraModel, projected: Sequence[Array]) -> float:
+    """Share of the frame enclosed by the points of the views, each (n, 2)."""
     inside = np.clip(np.concatenate(projected), 0, np.array([camera.columns, camera.rows]) - 1)
     return hull_area(inside) / (camera.columns * camera.rows)
 
@@ -153,6 +154,7 @@ def _ranked(
     distances_mm: Sequence[float], places: Sequence[tuple[float, float]] = tuple(product(PLACES, PLACES)),
     pixel: tuple[float, float] | None = None,
 ) -> list[NextView]:  # fmt: skip
+    """The feasible poses, ordered by the projection uncertainty after their photograph."""
     rays = camera.rays(camera.frame_grid(*FRAME))
     rays = rays[np.isfinite(rays).all(axis=1)]
     J = camera.by_params(rays).reshape(2 * len(rays), -1)
@@ -237,6 +239,7 @@ def view_derivatives(
 
 
 def _rms(A: Array, covariance: Array) -> float:
+    """Root mean square length of the projection error, in pixels."""
     p = A.shape[1]
     return float(np.sqrt(2 * np.einsum("ma,ab,mb->", A, covariance[:p, :p], A, optimize=True) / len(A)))
 

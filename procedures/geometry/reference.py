@@ -128,6 +128,7 @@ def _trials(
 
 
 def _halves(problem: AdjustmentProblem) -> tuple[AdjustmentProblem, AdjustmentProblem]:
+    """The problem with one and the other random half of the points of every view."""
     rng = np.random.default_rng(0)
     chosen = [rng.permutation(len(view)) % 2 == 0 for view in problem.views]
     first, second = (

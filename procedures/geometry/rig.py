@@ -196,6 +196,7 @@ def _placed(cameras: Sequence[RigCamera], times: Sequence[Sequence[int]]) -> lis
 def _rigid(
     fit: Adjustment, times: Sequence[Sequence[int]], placed: list[Pose], cell_uncertainty: float, depth_mm: float | None
 ) -> RigPoses:
+    """The rig from the poses of the chart in every view."""
     all_times = [time for one in times for time in one]
     used = [i for i, time in enumerate(all_times) if all_times.count(time) > 1]
     charts = list(dict.fromkeys(all_times[i] for i in used))
@@ -279,6 +280,7 @@ def _without_last(information: Array, known: int) -> Array:
 
 
 def _depth_spread(information: Array, depth: Array, scale_mm: float) -> float:
+    """Standard uncertainty of a depth, with that of the print's scale."""
     return float(np.hypot(np.sqrt(depth @ np.linalg.solve(information, depth)), scale_mm))
 
 
@@ -323,5 +325,6 @@ def _transport(camera: Pose) -> Array:
 
 
 def _change(start: Pose, end: Pose) -> Array:
+    """The change (6,) from one pose to another."""
     turn = end.R @ start.R.T
     return np.concatenate([Rotation.from_matrix(turn).as_rotvec(), end.t - turn @ start.t])

@@ -113,6 +113,7 @@ class SplineCamera(CameraModel):
         return self._displaced(places)[0]
 
     def _displaced(self, places: Array) -> tuple[Array, Array]:
+        """Displacement (n, 2), and derivative (n, 2, 2) of the displaced places by the places (n, 2)."""
         moved, stretched = np.empty_like(places), np.empty((len(places), 2, 2))
         nx, ny = split_model(self.model)[1]
         controls = self.params[self.plain :].reshape(ny, nx, 2)
@@ -121,6 +122,7 @@ class SplineCamera(CameraModel):
 
     @property
     def _last(self) -> Array:
+        """The last pixel of the frame, (x, y)."""
         return np.array([self.columns - 1.0, self.rows - 1.0])
 
 

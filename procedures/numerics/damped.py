@@ -156,11 +156,13 @@ def _step(model: Linearisation, damping: float) -> Array:
 
 
 def _is_small(model: Linearisation, step: Array, damping: float, cost: float, tolerance: float) -> bool:
+    """Whether the predicted decrease or the relative length of a step is negligible."""
     length, size = (float(np.sqrt(model.scale @ one**2)) for one in (step, model.unknowns))
     return _predicted(model, step, damping) <= tolerance * cost or length <= STEP_TOLERANCE * size
 
 
 def _predicted(model: Linearisation, step: Array, damping: float) -> float:
+    """Decrease of the sum of squares by a step if the model were linear."""
     return float(step @ (model.gradient + damping * model.scale * step))
 
 

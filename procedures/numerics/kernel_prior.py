@@ -53,6 +53,7 @@ def prior_covariance(h: Array, errors: Array, s: int) -> Array:
 
 
 def _start(s: int) -> Array:
+    """Prior medians of the logarithms of a, R and L, in samples."""
     a, radius, length = START_PX
     return np.log([a / s**2, radius * s, length * s])
 

@@ -143,6 +143,7 @@ def photograph_spline(image: Array32, J: Array, band: float) -> tuple[Array32, A
 
 
 def _prefilter(f: Array) -> Array:
+    """Spectrum of the cubic spline prefilter, at f cycles per grid point."""
     return np.asarray(3 / (2 + np.cos(2 * np.pi * f)))
 
 

@@ -149,6 +149,7 @@ def bitmap(chart: Chart, cell_pixels: int = CELL_PIXELS) -> Bitmap:
 
 
 def _with_edges(image: Bitmap, cell_pixels: int) -> Bitmap:
+    """Add the black areas of the slanted edges: pixels whose centres lie in them."""
     first = BLOCK * (1 + QUIET_BLOCKS)
     for area in edge_areas():
         corners = (area + first) * cell_pixels - 0.5

@@ -83,6 +83,7 @@ def _box(tiling: Tiling, tile: SheetTile) -> Box:
 
 
 def _marks(box: Box, tile: SheetTile) -> Drawing:
+    """Crosses on the seams, and the label of those to be cut."""
     left, top, right, bottom = box
     on_left, on_top, on_right, on_bottom = tile.joined
     strokes = _crosses([left] * on_left + [right] * on_right, (top, bottom), upright=True)
@@ -106,6 +107,7 @@ def _crosses(seams: list[float], ends: tuple[float, float], *, upright: bool) ->
 
 
 def _label(source: Source, tiling: Tiling, tile: SheetTile, box: Box) -> Drawing:
+    """Label of sheet and chart, in the band below the cells."""
     x, y = box[0] + 2 * ARM_MM, box[3] + BAND_MM - 1.5
     rows, columns, size = len(tiling.rows) - 1, len(tiling.columns) - 1, tiling.size
     lines = (
@@ -171,6 +173,7 @@ def _steps(tiling: Tiling) -> tuple[str, ...]:
 
 
 def _plan(panel: Panel, tiling: Tiling) -> Drawing:
+    """Drawing of the sheets, the outline of the chart, and the overall dimensions."""
     unit = SIDE_MM / DRAWN_CELLS
 
     def line(x0: float, y0: float, x1: float, y1: float, thickness: float) -> PrintedLine:

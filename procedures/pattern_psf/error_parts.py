@@ -127,6 +127,7 @@ def _freed(equations: NormalEquations, gradients: Array, groups: Mapping[str, sl
 
 
 def _variations(name: str, value: float, changes: Array, uncertainty: float) -> list[Variation]:
+    """Compare one number in parts of the chart; `changes` (TILES^2,) are those of the tiles."""
     grid, rim = changes.reshape(TILES, TILES), TILES // 6
     inner = np.zeros(grid.shape, dtype=bool)
     inner[rim : TILES - rim, rim : TILES - rim] = True

@@ -349,6 +349,7 @@ class _Attempt:
 
 
 def _register(samples: Array32, sighting: ChartSighting | None) -> tuple[Array, Registration]:
+    """Subpixel positions of the chart's marks, and the map fitted to them."""
     if sighting is None:
         sighting = find_chart(samples)
     else:
@@ -375,6 +376,7 @@ def _fit(
     k: int,
     known: _Known,
 ) -> tuple[ChartFit, ExcludedSamples]:
+    """Joint fit, and the samples excluded from it as outliers."""
     window = noise_window(registration, samples.shape)
     hidden = not np.isfinite(corners).all()
     whole = observe(samples, registration, light, window, margin_px=k / (2 * s) if hidden else 0.0)

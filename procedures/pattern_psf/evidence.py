@@ -64,6 +64,7 @@ def _in_residual(residual: Variogram, absorbed: float) -> list[Strength]:
 def _strengths(
     fit: ChartFit, samples: Array32, light: LightLevels, chart: Chart, s: int, k: int
 ) -> dict[str, Strength]:
+    """Strengths of the directions, each by itself, in noise region and frame together."""
     raster, o = band_limited_chart(chart, fit.registration, s), fit.observation
     whole = WholeChart.of(fit, samples, light, raster, k)
     window = o.window
@@ -81,6 +82,7 @@ def _strengths(
 
 
 def _pictures(whole: "WholeChart", samples: Array32, levels: tuple[float, float]) -> dict[str, Array]:
+    """All directions (rows, columns) over the whole chart."""
     wide, window = whole.surrounded, whole.window
     y, x = (
         (first + np.arange(-BORDER, n + BORDER) - (most - 1) / 2) / whole.fit.registration.radius
@@ -227,6 +229,7 @@ class WholeChart:
 
 
 def _outside(shape: tuple[int, ...], window: Window, s: int, border: int, H: Array) -> Mask:
+    """Samples of the s grid that lie outside of the chart."""
     y, x = ((np.arange(n) - border) / s + first for n, first in zip(shape, (window.y, window.x), strict=True))
     points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     cells = apply_homography(H, points)

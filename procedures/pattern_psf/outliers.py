@@ -41,6 +41,7 @@ def excluded_samples(whole: Observation, kept: Observation) -> ExcludedSamples:
 
 
 def _excluded(whole: Observation, kept: Observation) -> tuple[Mask, Mask]:
+    """Masks (m,) of the whole observation's samples that were not kept, and of the isolated ones among them."""
     excluded = np.zeros((int(whole.rows.max()) + 1, int(whole.columns.max()) + 1), dtype=np.float32)
     excluded[whole.rows, whole.columns] = 1
     excluded[kept.rows, kept.columns] = 0

@@ -157,6 +157,7 @@ def _block_reader(
     block: Indices,
     quantisation: float,
 ) -> Callable[[tuple[int, int]], _Block]:
+    """Function from a column and row to the block there."""
     number = block[:, 0] + BLOCKS * block[:, 1]
     order = np.argsort(number, kind="stable")
     starts = np.searchsorted(number[order], np.arange(BLOCKS * BLOCKS + 1)).tolist()
@@ -193,6 +194,7 @@ def _terms(count: int) -> int:
 
 
 def _without_surface(design: Array, value: Array) -> Array:
+    """Residuals (n,) of a block's samples from their surface."""
     used = design[:, : _terms(len(value))]
     return np.asarray(value - used @ np.linalg.lstsq(used, value, rcond=None)[0]) if len(value) else value
 

@@ -281,6 +281,7 @@ def _scores(fit: ChartFit, system_matrix: Array32) -> Array:
 
 
 def _first_fit(o: Observation, A: Array32, AA: Array, registration: Registration) -> ChartFit:
+    """Fit the PSF and the light's quadratics with the map of the marks."""
     equations = eliminate(products(AA, A, o.quadratics * o.weight[:, None], o.y * o.weight))
     h = equations.kernel
     light = np.zeros(TAIL + len(SHAPES))
@@ -321,6 +322,7 @@ def _fine_step(fit: ChartFit, model: _Model) -> tuple[ChartFit, Array32]:
 
 
 def _with_priors(parts: Products, fit: ChartFit, model: _Model) -> Products:
+    """Add the priors of the response and of the tail's amplitudes to the products."""
     first, tail_prior = GEOMETRY + TAIL, model.tail
     precision, pull = np.zeros((2, len(parts.ZZ)))
     if model.bend is not None:
@@ -341,6 +343,7 @@ def _with_priors(parts: Products, fit: ChartFit, model: _Model) -> Products:
 
 
 def _advanced(start: ChartFit, A: Array32, Z: Array, equations: NormalEquations) -> ChartFit:
+    """Apply the increments that solve the equations, with the prediction to first order."""
     o, n = start.observation, Z.shape[1]
     dh = equations.kernel
     t = equations.nuisance(dh)

@@ -105,6 +105,7 @@ def _kernel(fit: ChartFit, covariance: Array, s: int, solver: str) -> Array:
 
 
 def _normalised(p: Array, covariance: Array, n: int) -> tuple[Array, Array]:
+    """Parameters divided by the sum of the first n, the samples, and their covariance to first order."""
     total = p[:n].sum()
     p = p / total
     # J C J' with J = (I - p 1_n') / total

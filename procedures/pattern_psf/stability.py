@@ -65,11 +65,13 @@ def stability_of(psfs: Sequence[tuple[Array, int]], limit: float = 0.03) -> Stab
 
 
 def _mtf(h: Array, s: int, frequencies: Array) -> Array:
+    """Modulus of the support's transfer function on the grid of frequencies, 1 at zero."""
     waves = np.exp(-2j * np.pi * np.outer(frequencies, (np.arange(len(h)) - len(h) // 2) / s))
     return np.asarray(np.abs(waves @ h @ waves.T) / abs(h.sum()))
 
 
 def _sensitivity(mean: Array, std: Array) -> Array:
+    """s(Omega) for every threshold; NaN where the region is empty."""
     regions = [mean >= least for least in THRESHOLDS]
     return np.array([std[region].mean() / mean[region].mean() if region.any() else np.nan for region in regions])
 

@@ -188,6 +188,7 @@ def _doubtful_checks(d: Diagnostics, fit: ChartFit) -> list[Check]:
 
 
 def _truncation_checks(inputs: VerdictInputs, unexplained: float) -> list[Check]:
+    """Checks of the PSF's energy and band that the given s and k exclude."""
     doubtful, last, obeyed = Verdict.DOUBTFUL, inputs.tried[-1], not inputs.chosen
     would = f"use -s {last.better[0]} -k {last.better[1]}, or leave both to the program" if last.better else ""
     undersampled = Verdict.REFUSED if unexplained > MAX_UNEXPLAINED else doubtful  # what the band excludes remains

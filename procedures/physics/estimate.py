@@ -390,6 +390,7 @@ def _descend(
     bounds: tuple[Array, Array],
     free: Mask | None = None,
 ) -> ModelFit:
+    """Best fit from a start; parameters that are not `free` are held."""
     moves = np.ones(len(start), dtype=bool) if free is None else free
     cache: dict[bytes, tuple[Array, Array]] = {}
 

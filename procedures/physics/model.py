@@ -155,6 +155,7 @@ class Pupil:
         return _disc(self.cutoff / 2 / (self.step / self._finer))
 
     def _field(self, waves: Array) -> Complex:
+        """Complex amplitude in the pupil, (n, n)."""
         disc, zernikes = self._sampled()
         return np.asarray(disc * np.exp(2j * np.pi * np.tensordot(waves, zernikes, axes=1)))
 

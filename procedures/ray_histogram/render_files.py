@@ -124,6 +124,7 @@ def _of_means(means: Layers, variances: Mapping[str, Array]) -> Render:
 
 
 def _film(mean: Array, variance: Array) -> Film:
+    """A film without histograms; it counts two samples, as fewer have no variance."""
     count = np.full(mean.shape[:2], 2, np.uint32)
     return Film(np.zeros((*mean.shape, 0), np.float32), mean, 2 * variance, count, np.zeros_like(count))
 

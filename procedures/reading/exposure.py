@@ -134,6 +134,7 @@ def _blank(tags: Tags, name: str) -> bool:
 
 
 def _number(tags: Tags, *names: str) -> float | None:
+    """Value of the first tag with a positive finite number."""
     for name in names:
         with suppress(KeyError, IndexError, TypeError, ValueError, ZeroDivisionError):
             if value := _positive(float(tags[name].values[0])):

@@ -166,6 +166,7 @@ _NO_CAMERA = "give the camera's original file"
 
 
 def _directory(file: BinaryIO, form: _Form, at: int, name: str) -> tuple[Tags, int]:
+    """Wanted tags of the directory at an offset, and the offset of the next one."""
     file.seek(at)
     count = form.read(file, form.number)
     if count > MOST_TAGS:

@@ -184,6 +184,7 @@ def _with_response(
 
 
 def _pattern(stack: FrameStack, defects: Defects, unit: str, scale: float) -> FixedPattern:
+    """Spectrograms and periods of a mean picture; defects are excluded from the search for periods."""
     tame = np.where(defects.mask(stack.mean_picture.shape), np.median(stack.mean_picture), stack.mean_picture)
     spectra = tuple(spectrogram(stack, direction, scale) for direction in DIRECTIONS)
     periods = tuple(p for name in ("row", "column") for p in find_periods(tame, name, unit, scale))

@@ -157,5 +157,6 @@ def total_snr(transfer: Transfer, numbers: Mapping[str, IntervalNumber], light: 
 
 
 def _electrons(transfer: Transfer, light: Array) -> tuple[Array, Array]:
+    """Mean electrons at light (n,), and their temporal variance."""
     e, dark_e = light * transfer.responsivity[0] / transfer.gain[0], transfer.dark_deviation[0] / transfer.gain[0]
     return e, e + dark_e**2

@@ -215,6 +215,7 @@ def gain_and_noise(transfer: Transfer) -> GainAndNoise:
 
 
 def _dark_electrons(transfer: Transfer) -> Array:
+    """Temporal noise in the dark without that of rounding, (1 + draws,)."""
     return np.asarray(np.sqrt(np.maximum(transfer.dark_deviation**2 - ROUNDING, 0)) / transfer.gain)
 
 

@@ -78,6 +78,7 @@ def find_course(strip: Strip, start: EdgeLine | None = None) -> Course:
 
 
 def _first_line(strip: Strip, start: EdgeLine | None) -> tuple[EdgeLine, bool, float]:
+    """Line along the strongest smoothed derivative, its sign, and the distance within which centroids are computed."""
     smooth = gaussian_filter1d(uniform_filter1d(strip.samples, 5, axis=0), SMOOTHING_PX, axis=1, order=1)
     x, along = np.arange(smooth.shape[1]), strip.along[:, None]
     rim = int(2 * SMOOTHING_PX)

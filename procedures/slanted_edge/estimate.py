@@ -154,6 +154,7 @@ def _measure_sighting(sighting: EdgeSighting, plane: Plane, diffraction: Diffrac
 
 
 def _with_plane(strip: Strip, plane: Plane, diffraction: Diffraction | None) -> Strip:
+    """The strip with quantisation, tail, provenance and possible ghost of its plane."""
     tail, roi = None if diffraction is None else Tail.of_pupil(diffraction), strip.roi
     ghost = mirrored(plane.samples, (roi.x, roi.y), (roi.height, roi.width))
     ghost = ghost.T if strip.turned else ghost
@@ -260,6 +261,7 @@ def _by_modes(number: Quantity, mtf: Array, modes: Mapping[str, Array]) -> dict[
 
 
 def _points(strip: Strip, course: Course) -> Array:
+    """Course of the edge in the plane, (n, 2)."""
     across, along = course.at(strip.along), np.arange(len(strip.samples))
     x, y = (along, across) if strip.turned else (across, along)
     return np.column_stack([x + strip.roi.x, y + strip.roi.y])
@@ -352,6 +354,7 @@ def _with_degree(course: Course, order: int) -> Course:
 
 
 def _converged(strip: Strip, profile: EdgeProfile, course: Course) -> tuple[Course, float]:
+    """Converged course of this degree, and its Bayesian information criterion."""
     for _ in range(MAX_ITERATIONS):
         d = course.distances(strip)
         used = strip.usable & (np.abs(d) < profile.end_px + 1)

@@ -32,6 +32,8 @@ class EdgeSighting:
 
 @dataclass(frozen=True, eq=False)
 class _Segment:
+    """A straight segment between two points (x, y)."""
+
     start: Array
     end: Array
 
@@ -113,6 +115,7 @@ def _segments(samples: Array32) -> list[_Segment]:
 
 
 def _merged(segments: list[_Segment]) -> list[_Segment]:
+    """Segments joined where they continue each other, without the short ones."""
     joined: list[_Segment] = []
     remaining = segments[:MAX_SEGMENTS]
     while remaining:
@@ -221,5 +224,6 @@ def _same(a: EdgeSighting, b: EdgeSighting) -> bool:
 
 
 def _centre(one: EdgeSighting) -> tuple[float, float]:
+    """Middle (x, y) of the line in the plane."""
     roi, half = one.strip.roi, (len(one.strip.samples) - 1) / 2
     return (roi.x + half, roi.y + one.line.middle) if one.strip.turned else (roi.x + one.line.middle, roi.y + half)

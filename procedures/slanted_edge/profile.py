@@ -176,6 +176,7 @@ def steepness(profile: EdgeProfile, d: Array) -> Array:
 
 
 def _width(samples: Array, d: Array, reach: float) -> float:
+    """Full width at half maximum of the Gaussian with the line spread function's quartiles."""
     K = int(reach * BINS)
     bins = np.floor(d * BINS).astype(int) + K
     inside = (bins >= 0) & (bins < 2 * K)

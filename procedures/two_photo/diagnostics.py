@@ -209,12 +209,14 @@ def relief(fit: PairFit) -> float:
 
 
 def _neighbour_correlation(fit: PairFit) -> float:
+    """Largest correlation of the residual at lag one, along rows or columns."""
     grid = fit.as_image(fit.residual, np.nan)
     pairs = (grid[1:] * grid[:-1], grid[:, 1:] * grid[:, :-1])
     return max((float(np.nanmean(pair)) / fit.variance for pair in pairs), key=abs)
 
 
 def _light_change(fit: PairFit) -> float:
+    """Root mean square of the multiplicative quadratics, over the samples."""
     x, y = ((fit.samples.points - fit.warp.centre) / fit.warp.radius).T
     return float(np.std(np.stack([x, y, x * x, x * y, y * y], axis=-1) @ fit.light[6:]))
 

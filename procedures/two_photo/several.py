@@ -91,6 +91,7 @@ def _pairs(planes: list[Plane], parameters: TwoPhotoParameters, diffraction: Dif
 
 
 def _times_as_far(sighting: PairSighting) -> float:
+    """Distance of the second photograph over that of the first."""
     zoom = float(np.sqrt(abs(np.linalg.det(homography_jacobian(sighting.H_near_far, np.zeros(2))))))
     return 1 / zoom if sighting.swapped else zoom
 
@@ -165,6 +166,7 @@ def _parts(
 
 
 def _agreement(pairs: Sequence[_WallPair], whole: Quality) -> Check:
+    """Pairs whose MTF50 differs from that of all by more than their uncertainties."""
     off = [_disagreement(pair.solved.result.quality, whole) for pair in pairs]
     number = pairs[int(np.argmax(off))].number
     return Check(

@@ -125,6 +125,7 @@ def _processing(d: PairDiagnostics, raw: bool) -> float:
 
 
 def _as_raw(raw: bool) -> str:
+    """Addition to a remedy where the photographs are not RAW files."""
     return "" if raw else ", as RAW files"
 
 
@@ -203,6 +204,7 @@ def _consistency_checks(d: PairDiagnostics, raw: bool, band_open: bool) -> list[
 
 
 def _sampling_checks(asked: Sampling, last: Trial, scale: float) -> list[Check]:
+    """Checks of the given s and k, and of the largest s that the distances allow."""
     doubtful = Verdict.DOUBTFUL
     better = f"use -s {last.better[0]} -k {last.better[1]}, or leave both to the program" if last.better else "raise k"
     needed = last.s + 1

@@ -306,6 +306,7 @@ def _slopes(chart: MeasuredChart) -> Array:
 
 
 def _own_covariance(chart: MeasuredChart, slope: Array) -> Array:
+    """Covariance of one chart's numbers; further stated uncertainties are independent."""
     covariance = slope @ chart.node.psf.parameter_covariance @ slope.T
     stated = np.array([number.uncertainty**2 for number in chart.numbers.values()])
     return np.asarray(covariance + np.diag(np.maximum(stated - np.diag(covariance), 0)))

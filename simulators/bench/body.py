@@ -115,6 +115,7 @@ class CameraBody(EventSource):
 
     @cached_property
     def _files_before(self) -> int:
+        """Number of the last file in the folder at the start."""
         numbers = (path.stem.removeprefix("IMG_") for path in self.folder.glob("IMG_*.*"))
         return max((int(number) for number in numbers if number.isdecimal()), default=0)
 

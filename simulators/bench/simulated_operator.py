@@ -216,5 +216,6 @@ class SimulatedActions:
         self._focus()
 
     def _focus(self) -> None:
+        """Set the focus: the initial focus plus the requested steps towards infinity."""
         dioptres = self._dioptres - STEP_DIOPTRES * self._asked.get("focus_steps", 0.0)
         self._at.view.focus_mm = 1000 / max(dioptres, 1e-3)

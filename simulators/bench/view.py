@@ -210,6 +210,7 @@ class View:
         return self.focus_mm + self.focus_drift_mm_per_c * (self.world.temperature_c(t_s) - self.world.room.ambient_c)
 
     def _optics(self, centres: Array, focus_mm: float) -> Optics:
+        """The camera's optics with the movement of the chart's image during the exposure."""
         sharp = self.camera.optics or Optics.typical(f_number=self.camera.lens.f_number, pitch_um=self.camera.pitch_um)
         image = self.camera.projection(focus_mm).principal_px * centres[:, :2] / centres[:, 2:]
         path = image - image.mean(axis=0)

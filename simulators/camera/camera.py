@@ -335,6 +335,7 @@ class SimulatedCamera:
         return reach * x, reach * y
 
     def _drawn_optics(self, placed: PlacedChart | None, focus_mm: float) -> Optics:
+        """Blur and shift of a chart, or of the wall."""
         if placed is None:
             return self.sharp_optics()
         shift = self.colour_shift_at(placed, focus_mm)

@@ -166,10 +166,12 @@ def draw_moving(
 
 
 def _drawn(placed: PlacedSheet, projection: Projection) -> Array:
+    """A sheet's texels to sensor pixels, (3, 3)."""
     return projection.pinhole() @ placed.to_space()
 
 
 def _layer(spectra: tuple[Spectrum, Spectrum | None], transfer: Spectrum, wide: tuple[int, ...]) -> list[Frame]:
+    """A sheet's blurred image, and its blurred cover if it has one."""
     return [np.asarray(fft.irfft2(one * transfer, wide), np.float32) for one in spectra if one is not None]
 
 
@@ -186,6 +188,7 @@ def _seen(layers: Sequence[Sequence[Frame]], maps: Sequence[Array], shape: tuple
 def _spectra(
     placed: PlacedSheet, projection: Projection, margin: int, wide: tuple[int, ...]
 ) -> tuple[Spectrum, Spectrum | None]:
+    """Spectra of a sheet's covered image and of its cover, on fine samples."""
     to_sensor = np.array([[1 / OVERSAMPLING, 0, -margin], [0, 1 / OVERSAMPLING, -margin], [0, 0, 1]])
     M = np.linalg.inv(_drawn(placed, projection)) @ to_sensor
 

@@ -231,6 +231,7 @@ def _arc(values: Mapping[str, float], axes: Mapping[str, float], after: Modes) -
 
 
 def _unused(groups: Mapping[str, float], values: Mapping[str, float], driven: Modes | None, *, jog: bool) -> bool:
+    """Whether a value on the line is used by no command."""
     used = set("NF" if jog else "NFST") | set(LINEAR)
     once = groups.get("non_modal")
     used |= set("P") if once == 4 else set("LP") if once == 10 else set()

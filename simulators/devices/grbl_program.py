@@ -288,6 +288,7 @@ class Program:
         )
 
     def _ways(self, code: Code, target: tuple[float, ...]) -> list[tuple[tuple[float, ...], bool]]:
+        """The targets of the line's motions, and whether they are rapid."""
         if code.once in (28, 30):
             kept = self.offsets.systems[int(code.once)]
             end = tuple(k if letter in code.axes or not code.axes else t

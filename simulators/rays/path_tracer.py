@@ -244,6 +244,7 @@ def build_world(scene: RayScene) -> SceneArrays:
 
 
 def _texels(material: Material, first: int) -> tuple[tuple[int, int, int, int], Doubles]:
+    """Position of the material's texels among those of all materials, and the texels (n, 3)."""
     if material.texture is None:
         return (0, 0, 0, 0), np.zeros((0, 3))
     texture = np.asarray(material.texture, np.float64)
@@ -252,6 +253,7 @@ def _texels(material: Material, first: int) -> tuple[tuple[int, int, int, int], 
 
 
 def _geometry(shape: Shape) -> tuple[int, list[float]]:
+    """Kind and numbers of a shape, as `ray_shapes` documents them."""
     if isinstance(shape, InfinitePlane):
         normal = np.array(shape.normal) / np.linalg.norm(shape.normal)
         return PLANE, [*shape.point_mm, *normal]

@@ -183,6 +183,7 @@ def _painted(shape: Shape, projection: Projection, H: Array, chart: PlacedChart 
 
 
 def _on_sensor(segments: Segments, projection: Projection, to_space: Array) -> Segments:
+    """Project the outlines of a plane; reversed if the map mirrors, so that the inside stays inside."""
     H = projection.pinhole() @ to_space
     starts, ends = (projection.distort(apply_homography(H, p)) for p in (segments.starts, segments.ends))
     return Segments(starts, ends, segments.weights * np.sign(np.linalg.det(H)))

@@ -158,6 +158,7 @@ class World:
             self._driven.append((now_s, drives))
 
     def _shocks(self, name: str, since_s: float, until_s: float) -> tuple[list[Shock], float]:
+        """Shocks of an axis in that span, and the steady acceleration before it."""
         if name == "shock_mm":
             return [shock for shock in self._kicks if since_s <= shock[0] <= until_s], 0.0
         axis = self.axes[name]

@@ -139,6 +139,7 @@ class _Fit:
 
 
 def _fit(scene: _Scene, points: Array, chosen: Indices) -> _Fit:
+    """Fit the chosen bins at `points` (of all bins, in pixels) to the photograph."""
     look, centres, points = scene.look, scene.start.cells[chosen], points[chosen]
     low, high = _reach(scene, points)
     inside = ((low >= 0) & (high < np.array(look.samples.shape[::-1]))).all(axis=1)

@@ -140,6 +140,7 @@ def _marks(candidate: tuple[ChartSighting, TurnedView]) -> int:
 
 
 def _view(size: Array, ratio: float, place: Array) -> TurnedView:
+    """Camera to search with around a place of a plane of a size."""
     centre, focal = (size - 1) / 2, ratio * float(np.linalg.norm(size)) / 2
     return TurnedView(centre, focal, (place - centre) / focal, min(1.0, SEARCHED_PX / focal), SEARCHED_PX)
 

@@ -159,6 +159,7 @@ def _verify(levels: list[tuple[int, Array32]], start: Array) -> ChartSighting | 
 
 
 def _centre(H: Array) -> Array:
+    """(x, y) of the noise region's centre."""
     return np.asarray(apply_homography(H, MIDDLE[None])[0])
 
 
@@ -205,6 +206,7 @@ def _share_marks(sighting: ChartSighting, other: ChartSighting) -> bool:
 
 
 def _overlaps(centre: Array, sightings: list[ChartSighting]) -> bool:
+    """Whether a chart with this centre would overlap one of the sightings."""
     return any(np.linalg.norm(s.centre() - centre) < s.widths().min() / 2 for s in sightings)
 
 

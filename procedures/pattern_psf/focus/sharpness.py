@@ -69,6 +69,7 @@ def measure_sharpness(
 
 
 def _find_near(plane: Plane, near: ChartSighting | None) -> ChartSighting | None:
+    """The chart near its last position; None where there is none, or more than one."""
     if near is None:
         return None
     x, y, part = _crop(plane, near)

@@ -74,6 +74,7 @@ def best_focus(places: Sequence[float], scores: Sequence[float], uncertainties: 
 
 
 def _parabola(x: Array, y: Array, u: Array) -> tuple[Array, Array]:
+    """Coefficients (3,) of 1, x, x^2, and their covariance."""
     A = np.vander(x, 3, increasing=True) / u[:, None]
     C = np.linalg.inv(A.T @ A)
     c = C @ A.T @ (y / u)
