@@ -26,7 +26,7 @@ MASK_PRIOR, WIDE_PRIOR, GHOST_PRIOR = 0.08, 0.05, 0.05
 """Prior amounts of unsharp masks of 1 pixel and of several in a picture that is no RAW file, and of a ghost."""
 PRESENT = 0.5
 """Prior probability that there is a wide mask, or a ghost, at all."""
-WIDE_MODEL, TEXTURED_MODEL = 0.01, 0.03
+WIDE_MODEL, TEXTURED_MODEL = 0.01, 0.02
 """Standard uncertainty of the amount of a wide mask by the lens's own spread function beyond the core, in its test, and
 in the budget where no frame shows the mask."""
 

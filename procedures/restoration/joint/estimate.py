@@ -200,7 +200,7 @@ def _restoration(
         as_restored=p.least_image_weight > 0,
     )  # fmt: skip
     # where something moved, neither w nor the picture is known
-    occlusion = Occlusion.nowhere(w.shape) if flat else occlusion_of(w, masks)
+    occlusion = Occlusion(np.zeros(w.shape, bool), np.zeros(w.shape)) if flat else occlusion_of(w, masks)
     undetermined = float((np.where(moved, limit, spread) > 0.5).mean())
     spread = np.where(moved, np.maximum(spread, limit), occlusion.spread(spread))
     uncertain = error_map(error, residual, 2 * R + 1) * np.where(occlusion.mask, PICTURE, 1.0)
@@ -218,17 +218,17 @@ def _restoration(
         moved=float(moved.mean()),
         occlusion=float(occlusion.mask.mean()),
         elsewhere_over_noise=_rms(residual * ~moved, data.trust * ~moved) / finest,
-        sharpened=max(_sharpened(one) for photograph in data.z for one in photograph),
+        # a blurred scene varies slowly, so that squares and fourth powers of the noise suffice
+        sharpened=max(
+            score.score
+            for photograph in data.z
+            for one in photograph
+            for score in mask_scores([flat_noise(one.astype(np.float32))], MASK_RADII, [DRIFT, DRIFT**2])
+        ),
     )
     corrections = (registered.shifts, registered.light, registered.turns, registered.zooms)
     result = (sharp, uncertain, w, spread, residual, start, state.history, diagnostics)
     return Restoration(*result, *corrections, moved, occlusion.mask, error.budget, error.brighter)
-
-
-def _sharpened(picture: Array) -> float:
-    """Largest score of an unsharp mask in the noise of a picture's flat parts."""
-    noise = flat_noise(picture.astype(np.float32))  # a blurred scene varies slowly: by squares and fourth powers
-    return max(score.score for score in mask_scores([noise], MASK_RADII, [DRIFT, DRIFT**2]))
 
 
 def _rms(residual: Array, trust: Array) -> float:

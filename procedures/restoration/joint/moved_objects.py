@@ -78,11 +78,6 @@ class Occlusion:
     mask: Mask
     step: Array
 
-    @classmethod
-    def nowhere(cls, shape: tuple[int, int]) -> "Occlusion":
-        """The occlusion of a flat scene."""
-        return cls(np.zeros(shape, bool), np.zeros(shape))
-
     def spread(self, w_std: Array) -> Array:
         """Standard deviation of w (H, W), given that of noise: at an edge it includes both sides."""
         return np.where(self.mask, np.maximum(w_std, self.step / 2), w_std)

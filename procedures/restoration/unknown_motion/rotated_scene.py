@@ -86,15 +86,12 @@ def outlier_frames(photographs: Array) -> list[int]:
         return []
     detail = [gaussian_filter(one, FINE_PX) - gaussian_filter(one, COARSE_PX) for one in photographs]
     apart = range(1, count, max((count - 1) // MOST_COMPARED, 1))
-    typical = [_median([_correlation(detail[i], detail[(i + n) % count]) for n in apart]) for i in range(count)]
+    # the median; of two the higher, which among three photographs only the outlier lacks
+    likenesses = [[_correlation(detail[i], detail[(i + n) % count]) for n in apart] for i in range(count)]
+    typical = [float(np.quantile(those, 0.5, method="higher")) for those in likenesses]
     outliers = [i for i, likeness in enumerate(typical) if likeness < UNLIKE]
     rest = [correlation for correlation in typical if correlation >= UNLIKE]
     return outliers if 2 * len(outliers) < count and min(rest) > ALIKE else []
-
-
-def _median(correlations: list[float]) -> float:
-    """The median; of two the higher, which among three photographs only the outlier lacks."""
-    return float(np.quantile(correlations, 0.5, method="higher"))
 
 
 def _correlation(a: Array, b: Array) -> float:
