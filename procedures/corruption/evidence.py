@@ -17,8 +17,8 @@ from procedures.corruption.directions import (
     WIDE_PX,
     mask_gain,
 )
-from procedures.corruption.family import FILTERED, GHOSTED, SELECTIVE, VEILED, WIDE, Strength, nuisance
-from procedures.corruption.noise import MASK_RADII, noise_checks
+from procedures.corruption.family import FILTERED, GHOSTED, MOSAIC, SELECTIVE, VEILED, WIDE, Strength, nuisance
+from procedures.corruption.noise import CONTRASTS, MASK_RADII, noise_checks
 from procedures.numerics.arrays import Array
 from procedures.outcome import Check
 
@@ -38,6 +38,7 @@ class TextureEvidence:
     masks : unsharp masks of `MASK_RADII` in the noise
     textured : masks of `SMOOTHING_RADII` where the scene may have a texture, which the lens images
     strengths : by the directions of `procedures.corruption.directions`
+    mosaic : largest score of unlike noise at the sites of a mosaic
     framed : whether edges of full contrast, in a frame, show wide masks; texture alone is less sure
     """
 
@@ -45,6 +46,7 @@ class TextureEvidence:
     textured: list[Strength]
     strengths: Mapping[str, Strength]
     framed: bool = True
+    mosaic: float = 0.0
 
     @property
     def fine(self) -> Strength:
@@ -58,14 +60,16 @@ class TextureEvidence:
             *noise_checks(self.masks, self.textured, raw=raw),
             FILTERED.check(max(scores[MEDIAN], scores[FLOW]), raw=raw, places=2),
             SELECTIVE.check(scores[THRESHOLD], raw=raw),
-            *([] if raw else [WIDE.check(self._wide(), raw=raw, places=len(WIDE_PX))]),
+            *([] if raw else self._of_pictures()),
             GHOSTED.check(scores[GHOST], raw=raw),
             VEILED.check(scores[VEIL], raw=raw),
         ]
 
-    def _wide(self) -> float:
+    def _of_pictures(self) -> list[Check]:
         amounts = [self.strengths[name] for name in WIDE_NAMES]
-        return max(amount.value / math.hypot(amount.uncertainty, WIDE_MODEL) for amount in amounts)
+        wide = max(amount.value / math.hypot(amount.uncertainty, WIDE_MODEL) for amount in amounts)
+        places = 2 * len(CONTRASTS)  # in the noise of paper and residual
+        return [WIDE.check(wide, raw=False, places=len(WIDE_PX)), MOSAIC.check(self.mosaic, raw=False, places=places)]
 
     def modes(self, f: Array, *, raw: bool) -> dict[str, Array]:
         """Relative changes of the transfer function at frequencies f (n,) by one standard deviation of each corruption

@@ -58,6 +58,10 @@ SMOOTHED = _processing(
     "the noise of neighbouring pixels is correlated ({}): the photograph was denoised, resampled or demosaicked",
 )
 TONE_CURVE = _processing("tone", "the bright side has less noise than the dark one ({}), as a tone curve makes it")
+MOSAIC = _processing(
+    "mosaic",
+    "the finest noise differs between the sites of a mosaic ({}): pixels were interpolated from their neighbours",
+)
 OVERSHOOT = _processing("overshoot", "{}, and no light is negative: the photograph was sharpened")
 SCATTER = Corruption(
     "scatter",

@@ -52,6 +52,7 @@ def examine(
         combined_scores(mask_scores([paper], MASK_RADII, [DRIFT]), _in_residual(residual, k**2 / fit.residual.size)),
         mask_scores([paper, residual], SMOOTHING_RADII, [DRIFT, *textures]),
         _strengths(fit, samples, light, chart, s, k),
+        mosaic=max(paper.mosaic.score, residual.mosaic.score),
     )
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from procedures.corruption.directions import mask_gain
 from procedures.corruption.family import (
     GHOSTED,
+    MOSAIC,
     OVERSHOOT,
     PERIODIC,
     SCATTER,
@@ -16,7 +17,7 @@ from procedures.corruption.family import (
     Strength,
     nuisance,
 )
-from procedures.corruption.noise import MASK_RADII, noise_checks
+from procedures.corruption.noise import CONTRASTS, MASK_RADII, noise_checks
 from procedures.numerics.arrays import Array
 from procedures.outcome import Check
 from procedures.slanted_edge.evidence import HALO_PX, Evidence
@@ -56,6 +57,7 @@ def corruption_checks(evidence: Evidence, *, raw: bool) -> list[Check]:
     )
     return [
         *noise_checks(evidence.masks, evidence.textured, raw=raw),
+        *([] if raw else [MOSAIC.check(evidence.mosaic, raw=raw, places=2 * len(CONTRASTS))]),
         TONE_CURVE.check(-evidence.growth, raw=raw),
         SCATTER.check(evidence.scatter, raw=raw, places=2),
         OVERSHOOT.check(evidence.fall, fall, raw=raw, places=evidence.windows),

@@ -71,6 +71,7 @@ class Evidence:
     period: float
     rise: float
     ghost: float
+    mosaic: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -124,6 +125,7 @@ def examine(strip: Strip, course: Course, profile: EdgeProfile, mtf: Array, of_m
         period=float(excess[worst]),
         rise=float(mtf[worst]),
         ghost=0.0 if strip.mirrored is None else _across(strip.mirrored, d, inside) / profile.contrast,
+        mosaic=max((field.mosaic.score for field in fields), default=0.0),
     )
 
 

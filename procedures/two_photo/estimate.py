@@ -335,4 +335,5 @@ def examine(fit: PairFit, far: Array32, curve: tuple[Array, Array]) -> TextureEv
         mask_scores([residual], SMOOTHING_RADII, [DRIFT, *textures]),
         dict(zip([*pictures, GHOST], amounts, strict=True)),
         framed=False,
+        mosaic=residual.mosaic.score,
     )

@@ -3,9 +3,10 @@
 import cv2
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from procedures.corruption.family import Strength, threshold
-from procedures.corruption.noise import Variogram, mask_scores, texture_correlation
+from procedures.corruption.noise import CONTRASTS, Variogram, mask_scores, texture_correlation
 
 
 def masked(noise: np.ndarray, amount: float, radius: float) -> np.ndarray:
@@ -85,3 +86,13 @@ def test_texture_through_a_lens_and_lines_that_err_are_not_sharpening(lines: boo
     texture = cv2.GaussianBlur(rng.standard_normal((120, 120)), (0, 0), 0.8) + 8 * x - 5 * x * y
     err = 0.5 * rng.standard_normal(120) + 0.5 * rng.standard_normal((120, 1))
     assert max(one.score for one in scores([rng.standard_normal((120, 120)) + (err if lines else texture)])) < 3.5
+
+
+@pytest.mark.parametrize("conversion", [cv2.COLOR_BayerBG2RGB, cv2.COLOR_BayerBG2RGB_EA])
+def test_interpolated_pixels_have_less_of_the_finest_noise(rng: np.random.Generator, conversion: int) -> None:
+    known = np.ones((120, 120), dtype=bool)
+    limit = threshold(2 * len(CONTRASTS))
+    mosaic = gaussian_filter(rng.standard_normal((120, 120)), 3) * 20 + 2 * rng.standard_normal((120, 120)) + 500
+    assert Variogram.of(mosaic - 500, known).mosaic.score < limit
+    for plane in cv2.split(cv2.cvtColor(mosaic.astype(np.uint16), conversion)):
+        assert Variogram.of(plane - 500.0, known).mosaic.score > 2 * limit
