@@ -302,12 +302,13 @@ def judged(made: Callable[[], Any]) -> Any:
 JUDGES = ("pattern_psf.estimate", "pattern_psf.combine", "pattern_psf.trust", "two_photo.estimate", "geometry.estimate",
           "slanted_edge.estimate")  # fmt: skip
 MADE: tuple[Callable[[], Any], ...] = (
-    charts, lattices, shots, spoilt, sweeps, gammas, calibrations, chart_views, wide_bundle, cameras, views_checked,
-    fields, walls, noises, damaged_charts, damaged_walls, damaged_edges,
+    charts, lattices, shots, spoilt, sweeps, gammas, wide_bundle, cameras, views_checked, fields, walls, noises,
+    damaged_charts, damaged_walls, damaged_edges,
 )  # fmt: skip
+LONG: tuple[Callable[[], Any], ...] = (calibrations, chart_views)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("made", MADE)
+@pytest.mark.parametrize("made", [*MADE, *(pytest.param(one, marks=pytest.mark.nightly) for one in LONG)])
 def test_modules_give_what_they_gave(made, request):
     check_frozen(request, made.__name__, judged(made))
