@@ -224,7 +224,7 @@ def test_l_shaped_photosites_differ_by_a_rotation_between_green_and_red(rng: np.
     assert sorted(one.chi2 for one in fits)[1] > best.chi2 + 100
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_sensor_is_estimated_from_the_chart_and_other_blur_is_reported(rng):
     # the complete path: render, add noise, estimate with the true covariance, fit the model
     optics = Optics((CircularPupil(4.0), PixelAperture(0.9, 0.9), FourSpots(0.8)), 7.5)
