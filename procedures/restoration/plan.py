@@ -66,7 +66,7 @@ from procedures.restoration.unknown_motion.blind import SearchRound
 
 PICTURE = "picture"
 """Name of the outcome."""
-OMITTED = "left out"
+OMITTED = "not taken"
 """Status of a photograph that was not requested."""
 LEAST_ROUND_S = 0.05
 """Shortest round of a shaker, which otherwise takes one exposure: voice coils follow 20 Hz."""

@@ -31,7 +31,7 @@ class GeometrySettings(ChartSettings, frozen=True, kw_only=True):
     ] = None
     model: Annotated[
         str | None,
-        setting("One of COLMAP's camera models, or STEREOGRAPHIC+SPLINE_12X9.  [default: chosen by views left out]"),
+        setting("One of COLMAP's camera models, or STEREOGRAPHIC+SPLINE_12X9.  [default: chosen by excluded views]"),
     ] = None
     frame_rate_hz: (
         Annotated[float, setting("The photographs are all frames of a video: measure the row time.", least=1e-3)] | None

@@ -321,6 +321,6 @@ def test_motions_by_hand_need_a_flat_scene_and_the_rail_shows_what_was_measured(
     advice = [plan().step(name).value(facts) for name in ("scene", "first", "second")]
     assert advice == ["motions", "mean 40%", "light +5 %"]
     assert [plan().step(name).value({}) for name in ("first", "second")] == ["", ""]
-    assert [plan().step(name).value(facts) for name in ("third", "truth")] == ["left out", "left out"]
+    assert [plan().step(name).value(facts) for name in ("third", "truth")] == ["not taken", "not taken"]
     more = {**facts, "photographs": 3.0, "third_level": 0.4, "ground_truth": "yes", "truth_level": 0.36}
     assert [plan().step(name).value(more) for name in ("third", "truth")] == ["light +0 %", "light -10 %"]
