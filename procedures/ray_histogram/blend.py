@@ -27,7 +27,8 @@ from procedures.ray_histogram.uncertainty import weighting_variance
 Denoiser = Callable[["Render"], npt.NDArray[np.floating]]
 """A filter from outside: it takes the film's picture and its features."""
 
-HISTOGRAMS, DEMODULATED, REGRESSED = "histograms", "histograms of the light", "regression"
+HISTOGRAMS, STRICTER, DEMODULATED = "histograms", "histograms, half of kappa", "histograms of the light"
+REGRESSED = "regression"
 DENOISED, UNFILTERED = "denoiser", "unfiltered"  # the candidates, in the order in which they are blended
 WEIGHT_PX = 4.0  # standard deviation of the neighbourhood in which a weight is determined, pixels
 SIGNIFICANCE = 4.0
@@ -115,6 +116,7 @@ def _candidates(render: Render, parameters: FilterParameters, denoiser: Denoiser
     film = render.film.checked()
     filtered = filter_film(film, parameters, threads=threads)
     pictures: dict[str, npt.NDArray[np.floating]] = {HISTOGRAMS: filtered.picture}
+    pictures[STRICTER] = filter_film(film, replace(parameters, kappa=parameters.kappa / 2), threads=threads).picture
     if render.light is not None and render.albedo is not None:
         light = filter_film(render.light, parameters, guides=render.guides, threads=threads).picture
         pictures[DEMODULATED] = light * divisor(render.albedo)
