@@ -92,27 +92,23 @@ def blend(
             raise BadInput("each half needs two samples per pixel to estimate noise", "cast four samples or more")
     parameters = parameters or FilterParameters()
     plain = replace(parameters, rims=False)  # they are determined best from all samples
-    first, second, answer = (_candidates(one, plain, denoiser, threads) for one in (*halves, whole))
+    (first, _), (second, _), (answer, filtered) = (
+        _candidates(one, plain, denoiser, threads) for one in (*halves, whole)
+    )
     films = halves[0].film, halves[1].film
-    weights = cross_validated(films, first.pictures, second.pictures)
-    picture, a, b = (_mix(one.pictures, weights) for one in (answer, first, second))
+    weights = cross_validated(films, first, second)
+    picture, a, b = (_mix(candidates, weights) for candidates in (answer, first, second))
     sigma: npt.NDArray[np.floating] = _uncertainty(films, (a, b))
     if parameters.rims:
         values, spread = lamp_rims(whole.film, picture)
         picture, sigma = np.where(np.isnan(values), picture, values), np.where(np.isnan(spread), sigma, spread)
     shares = {name: float(weight.mean()) for name, weight in weights.items()}
-    filtered = answer.filtered
-    pictures = picture.astype(np.float32), sigma.astype(np.float32)
-    return FilteredFilm(pictures[0], filtered.similar, filtered.median_similar, pictures[1]), shares
+    return replace(filtered, picture=picture.astype(np.float32), uncertainty=sigma.astype(np.float32)), shares
 
 
-@dataclass(frozen=True)
-class _Candidates:
-    filtered: FilteredFilm
-    pictures: dict[str, Array]
-
-
-def _candidates(render: Render, parameters: FilterParameters, denoiser: Denoiser | None, threads: int) -> _Candidates:
+def _candidates(
+    render: Render, parameters: FilterParameters, denoiser: Denoiser | None, threads: int
+) -> tuple[dict[str, Array], FilteredFilm]:
     film = render.film.checked()
     filtered = filter_film(film, parameters, threads=threads)
     pictures: dict[str, npt.NDArray[np.floating]] = {HISTOGRAMS: filtered.picture}
@@ -124,7 +120,7 @@ def _candidates(render: Render, parameters: FilterParameters, denoiser: Denoiser
     if denoiser is not None:
         pictures[DENOISED] = denoiser(render)
     pictures[UNFILTERED] = film.mean
-    return _Candidates(filtered, {name: picture.astype(np.float64) for name, picture in pictures.items()})
+    return {name: picture.astype(np.float64) for name, picture in pictures.items()}, filtered
 
 
 def _features(render: Render) -> Array:

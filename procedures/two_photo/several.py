@@ -57,12 +57,11 @@ def estimate_psf_of_wall(
 
     Raises BadParameter if there are fewer than two photographs.
     """
-    planes, parameters = [as_plane(photograph) for photograph in photographs], parameters or TwoPhotoParameters()
+    planes, given = [as_plane(photograph) for photograph in photographs], parameters or TwoPhotoParameters()
     if len(planes) < 2:
         raise BadParameter(f"a wall needs two photographs or more; got {len(planes)}", "add one from farther away")
     if len(planes) == 2:
-        return estimate_psf_of_pair(planes[0], planes[1], parameters, diffraction)
-    given = parameters
+        return estimate_psf_of_pair(planes[0], planes[1], given, diffraction)
     raw = all(plane.raw for plane in planes)
     return or_refused(lambda: _joined(_pairs(planes, given, diffraction), given, diffraction, raw=raw), given)
 
