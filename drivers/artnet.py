@@ -18,7 +18,7 @@ from drivers.errors import Clock, LineLost, NoAnswer
 from drivers.interfaces import Identity
 from drivers.light import Channels, Lamp, LampProperties, check_level
 from drivers.making import DriverOptions, MakerContext
-from drivers.options import option
+from drivers.options import has_port, option
 from drivers.wire.connection import not_connected
 
 ID, VERSION, PORT = b"Art-Net\0", 14, 6454
@@ -144,7 +144,10 @@ class ArtNetLight(Lamp["ArtNetLight"]):
 class ArtNetOptions(DriverOptions, LampProperties):
     """Options of driver "artnet"."""
 
-    host: Annotated[str, option('"192.168.1.30"', "a node's address in quotes", pattern=r"^[^\s:/@]+(:\d{1,5})?\Z")]
+    host: Annotated[
+        str,
+        option('"192.168.1.30"', "a node's address in quotes", pattern=r"^[^\s:/@]+(:\d{1,5})?\Z", holds=has_port),
+    ]
     universe: Annotated[int, option("0", least=0, most=32767)] = 0
     channels: Channels = (1,)
 

@@ -133,9 +133,12 @@ class DmxLight(Lamp[Transport[DmxFrame]]):
         return Identity("Enttec DMX USB Pro", firmware, number[::-1].hex(), self.address)
 
     def _ask(self, label: int, data: bytes = b"") -> bytes:
-        return self._transport.request(
-            frame(label, data), lambda message: message.data if message.label == label else None, REPLY_S, tries=3
-        )
+        """The data of the reply, which no echo of the request passes for. Raises DeviceError."""
+
+        def answer(message: DmxFrame) -> bytes | None:
+            return message.data if message.label == label and message.data != data else None
+
+        return self._transport.request(frame(label, data), answer, REPLY_S, tries=3)
 
     def set_level(self, level: float) -> None:
         """Set all channels, and check that the widget still answers. Raises DeviceError."""

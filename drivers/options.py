@@ -55,6 +55,12 @@ def distinct(values: Sequence[object]) -> bool:
     return bool(values) and len(set(values)) == len(values)
 
 
+def has_port(address: str) -> bool:
+    """Whether the number at the end of an address, if any, can be a port's."""
+    number = address.rpartition(":")[2]
+    return not number.isdigit() or int(number) < 2**16
+
+
 def axes(*unlike: str) -> msgspec.Meta:
     """Annotation of a list of axes: each has a name and a combination of these keys of its own."""
     return msgspec.Meta(extra={"unlike": (("name",), unlike)})

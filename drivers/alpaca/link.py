@@ -22,7 +22,7 @@ import numpy.typing as npt
 from drivers.errors import BadConfiguration, Held, LineLost, NoAnswer, NoReading, Rejected
 from drivers.interfaces import PROBE_UNITS, Identity, ProbeReading
 from drivers.making import DriverOptions, MakerContext
-from drivers.options import Count, Uncertainty, option
+from drivers.options import Count, Uncertainty, has_port, option
 from drivers.wire.connection import LineDevice, closed_after_errors, not_connected
 
 CLIENT = os.getpid() & 0xFFFF  # the client number of this program
@@ -88,7 +88,7 @@ class AlpacaLink:
         with closed_after_errors(self):
             self.put("connected", Connected=True)
             identity = Identity(f"Alpaca {self.get('name')}", str(self.get("driverversion")), "", self.address)
-            with suppress(Rejected):
+            with suppress(Rejected, TypeError):  # null where it has none
                 self.can_resume = RESUME in self.get("supportedactions")
         return identity
 
@@ -122,13 +122,12 @@ class AlpacaLink:
             raise not_connected(self.address)
         _, data = self._reply(method, member, values, REQUEST_S)
         try:
-            reply = json.loads(data)
-            number, message = int(reply.get("ErrorNumber", 0)), str(reply.get("ErrorMessage", ""))
-        except (ValueError, TypeError, AttributeError) as error:
+            number, message, value = _decoded(data)
+        except ValueError as error:
             raise self._no_alpaca(str(error)) from error
         if number:
             raise self._failure(number, message)
-        return reply.get("Value")
+        return value
 
     def _no_alpaca(self, reason: str) -> Rejected:
         return Rejected(f"{self.address} does not answer as an Alpaca server does: {reason}", "check address and port")
@@ -164,16 +163,16 @@ class AlpacaLink:
     def preempt(self, member: str, **values: object) -> None:
         """Call a member, and retry until it is acknowledged; never raises."""
         for _ in range(PREEMPT_TRIES):
-            with suppress(OSError, HTTPException, ValueError, AttributeError):
+            with suppress(OSError, HTTPException, ValueError):
                 _, _, data = self._ask("PUT", member, urlencode(values), PREEMPT_S)
-                if not json.loads(data).get("ErrorNumber"):  # a reply without success is no JSON
+                if not _decoded(data)[0]:  # a reply without success is no JSON
                     return
 
     def image(self, timeout_s: float) -> Levels:
         """The image (rows, columns) of a camera. Raises DeviceError."""
         try:
             return read_image(*self._reply("GET", "imagearray", {}, timeout_s))
-        except (ValueError, struct.error, KeyError, TypeError) as error:
+        except (ValueError, struct.error) as error:
             raise Rejected(f"{self.address} sent no image: {error}", "look at its server") from error
 
     def _ask(self, method: str, member: str, values: str, timeout_s: float) -> tuple[int, str, bytes]:
@@ -195,13 +194,22 @@ class AlpacaLink:
             connection.close()
 
 
+def _decoded(data: bytes) -> tuple[int, str, Any]:
+    """Error number, message and value of a reply. Raises ValueError."""
+    try:
+        reply = json.loads(data)
+        return int(reply.get("ErrorNumber", 0)), str(reply.get("ErrorMessage", "")), reply.get("Value")
+    except (TypeError, AttributeError, OverflowError, RecursionError) as error:
+        raise ValueError(str(error)) from error
+
+
 def read_image(kind: str, data: bytes) -> Levels:
     """Decode an image (rows, columns) from ImageBytes, version 1, or JSON. Raises ValueError."""
     if BYTES not in kind:
-        reply = json.loads(data)
-        if reply.get("ErrorNumber"):
-            raise ValueError(reply.get("ErrorMessage") or f"error {reply['ErrorNumber']:#x}")
-        columns = np.array(reply["Value"])
+        number, message, value = _decoded(data)
+        if number:
+            raise ValueError(message or f"error {number:#x}")
+        columns = np.array(value)
         if columns.ndim != 2 or not np.issubdtype(columns.dtype, np.integer):
             raise ValueError(f"the image must be one plane of integers; received {columns.ndim} dimensions")
         return columns.T
@@ -221,7 +229,7 @@ class ServerOptions(DriverOptions):
         str,
         option(
             '"192.168.1.20:11111"', "address and port of a server in quotes",
-            pattern=r"^(\[[^\]\s]+\]|[^:@\s/]+):\d{1,5}\Z",
+            pattern=r"^(\[[^\]\s]+\]|[^:@\s/]+):\d{1,5}\Z", holds=has_port,
         ),
     ]  # fmt: skip
     password_variable: Annotated[

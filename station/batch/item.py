@@ -15,6 +15,7 @@ from procedures.raw import read_photograph
 from procedures.reading.exposure import Exposure
 from station.batch.procedure_file import BatchProcedure
 from station.calibration.folder_photographs import Item, naming_path
+from station.common.durable_files import Unwritable
 from station.common.progress import limited
 from station.common.sanitise import encodable, printable, safe_stem
 from station.common.versions import software
@@ -144,7 +145,10 @@ def _row(item: Item, job: Job) -> ItemRow:
     key = hashlib.sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()[:KEY_LETTERS]
     kept, redone = kept_row(job.out, job.done[key]) if key in job.done else (None, "")
     if kept is not None:
-        return replace(kept, reused=True)
+        reason = kept.reason
+        for before, now in zip(kept.files, item.files, strict=True):
+            reason = reason.replace(before, now)
+        return replace(kept, reason=reason, reused=True)
     folder = f"{RESULTS}/{safe_stem(naming_path(item.paths[0]))}-{key}"
     with ResultFolder(job.out / folder, force=True) as place:
         return replace(_measure(item, job, files, ItemRow(item.files, PASS, sha256=hashes, folder=folder), place),
@@ -255,7 +259,7 @@ def plane_row(record: PlaneResult) -> PlaneRow:
 def _failure(item: Item, error: Exception) -> ItemRow:
     """The row of an error: an unreadable file, a refused measurement, or a fault of this program."""
     if isinstance(error, ProcedureError):
-        verdict = UNREADABLE if isinstance(error, BadInput) else REFUSED
+        verdict = UNREADABLE if isinstance(error, BadInput) else LOST if isinstance(error, Unwritable) else REFUSED
         return ItemRow(item.files, verdict, encodable(error.reason), encodable(error.remedy))
     if isinstance(error, ChangedMeanwhile):
         return ItemRow(

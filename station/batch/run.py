@@ -23,10 +23,10 @@ from station.batch.item import JUDGED, LOST, RESULTS, VERDICTS, ItemRow, Job, wo
 from station.batch.process_pool import Allowance, Lost, Stop, run_in_processes
 from station.batch.stored_rows import StoredRows, Tally, check_parquet, write_csv, write_parquet
 from station.calibration.folder_photographs import Item
-from station.common.durable_files import holds, read_own, write_whole, written
+from station.common.durable_files import Unwritable, holds, read_own, write_whole, written
 from station.common.sanitise import printable
 from station.common.versions import software
-from station.results.result_files import PUBLISHING, RECORD, json_object, own_hashes, sealed_text, unwritable
+from station.results.result_files import PUBLISHING, RECORD, json_object, own_hashes, sealed_text
 
 SCHEMA = "station/batch/1"
 FAILURE = ("files", "verdict", "specification", "reason", "against")
@@ -122,7 +122,7 @@ def _stored(out: Path) -> Iterator[StoredRows]:
         with closing(rows):
             yield rows
     except OSError as error:
-        raise unwritable(out, error) from error
+        raise Unwritable(out, error) from error
 
 
 def _write(batch: Batch, rows: StoredRows, *, parquet: bool) -> str:
@@ -229,7 +229,7 @@ def owned(out: Path) -> Iterator[None]:
         (out / RESULTS).mkdir(parents=True, exist_ok=True)
         lock = (out / ".lock").open("w")
     except OSError as error:
-        raise unwritable(out, error) from error
+        raise Unwritable(out, error) from error
     with lock:
         _lock(lock, out)
         _sweep(out)

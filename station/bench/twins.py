@@ -93,7 +93,7 @@ def twin_of(driver: str, folder: Path) -> Iterator[TwinSetup]:
         return
     make, options = _twins().get(driver, (None, {}))
     if make is None:
-        remedy = f"name a real one by --device or --port, or one of {', '.join([*BUILT_IN, *_twins()])}"
+        remedy = f"name a real one by --device or --port, or one of {', '.join([*BUILT_IN, 'alpaca_stage', *_twins()])}"
         raise BadConfiguration(f"{driver} has no twin", remedy)
     twin, clock = make(), VirtualClock()
     register_scheme("simulators.devices")

@@ -17,13 +17,14 @@ T = TypeVar("T")
 RAW_SUFFIXES = DRIVER_SUFFIXES | {".fff", ".k25", ".rwl", ".sr2", ".srf"}
 GREY_SUFFIXES = frozenset((".pgm", ".png", ".tif", ".tiff"))
 PHOTOGRAPHS = RAW_SUFFIXES | GREY_SUFFIXES
+HIDDEN = (".", "~")  # first letters of hidden and temporary files, and of those that macOS adds to each on a card
 
 
 def photographs_in(folder: Path) -> set[Path]:
     """The photographs directly in a folder, without hidden and temporary ones. Raises BadInput where there is none."""
     if not folder.is_dir():
         raise BadInput(f"there is no folder {folder}", "create it, or name another one")
-    return {p for p in folder.iterdir() if p.suffix.lower() in PHOTOGRAPHS and not p.name.startswith((".", "~"))}
+    return {p for p in folder.iterdir() if p.suffix.lower() in PHOTOGRAPHS and not p.name.startswith(HIDDEN)}
 
 
 @dataclass(frozen=True)
@@ -69,16 +70,17 @@ def find_frames(
     """Files in folders and below, each once, folder by folder and ordered by name.
 
     `suffixes` are those of the wanted files, or whole names; by default those of photographs. Files may be given, too,
-    with any suffix. Hidden folders and `out`, the folder of results, are excluded. Pipes and broken links are included:
-    reading them raises an error with their name. `missed` is called for each folder that cannot be read, which raises
-    by default. Raises BadParameter if one of the folders does not exist, or there is no photograph in all of them;
-    BadInput if a folder cannot be read, and `missed` is not given.
+    with any suffix. Hidden folders, hidden and temporary files, `out`, the folder of results, and its `results` are
+    excluded. Pipes and broken links are included: reading them raises an error with their name. `missed` is called for
+    each folder that cannot be read, which raises by default. Raises BadParameter if one of the folders does not exist,
+    or there is no photograph in all of them; BadInput if a folder cannot be read, and `missed` is not given.
     """
     files: dict[str, Path] = {}
+    outs = os.path.realpath(out), os.path.realpath(out / "results")
     for folder in folders:
         if not os.path.lexists(folder):
             raise BadParameter(f"there is no folder {printable(folder)}", "check the path")
-        for path in [folder] if folder.is_file() else _below(folder, os.path.realpath(out), missed, suffixes):
+        for path in [folder] if folder.is_file() else _below(folder, outs, missed, suffixes):
             files.setdefault(os.path.realpath(path), path)  # which ends in loops of links, too
     if not files:
         where = ", ".join(map(printable, folders))
@@ -90,15 +92,15 @@ def find_frames(
 
 
 def _below(
-    folder: Path, out: str, missed: Callable[[Path, OSError], object], suffixes: Collection[str]
+    folder: Path, outs: Sequence[str], missed: Callable[[Path, OSError], object], suffixes: Collection[str]
 ) -> Iterator[Path]:
     for root, folders, files in os.walk(folder, onerror=lambda error: missed(Path(error.filename), error)):
         here = Path(root)
         folders[:] = sorted(
-            name for name in folders if not name.startswith(".") and os.path.realpath(here / name) != out
+            name for name in folders if not name.startswith(".") and os.path.realpath(here / name) not in outs
         )
         for name in sorted(files):
-            if Path(name).suffix.lower() in suffixes or name in suffixes:
+            if (Path(name).suffix.lower() in suffixes or name in suffixes) and not name.startswith(HIDDEN):
                 yield here / name
 
 

@@ -167,7 +167,7 @@ def _ask(stop: object) -> None:
 def _stopped(out: Path) -> Iterator[None]:
     try:
         yield
-    except KeyboardInterrupt as error:
+    except (KeyboardInterrupt, SystemExit) as error:
         log("interrupted", f"stopped; what was done is kept in {out}, and is not done again", level="error")
         raise click.exceptions.Exit(INTERRUPTED) from error
 

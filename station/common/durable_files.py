@@ -33,6 +33,16 @@ class WriteFailed(ProcedureError):
     exit_code = 75
 
 
+class Unwritable(BadParameter):
+    """A place that the operator named cannot be written."""
+
+    def __init__(self, path: Path, error: OSError) -> None:
+        reason = f"{path} cannot be written: {error.strerror or error}"
+        super().__init__(reason, "name a place in a folder that can be written, or make room")
+        if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO):
+            self.exit_code = WriteFailed.exit_code
+
+
 class ContentChanged(ProcedureError):
     """A file's content does not match its hash."""
 
@@ -235,7 +245,7 @@ class WrittenFile:
             os.replace(self.beside, self.path)
             Disk().sync_folder(self.path.parent)
         except OSError as error:
-            raise _unwritable(self.path, error) from error
+            raise Unwritable(self.path, error) from error
 
 
 @contextmanager
@@ -250,16 +260,10 @@ def written(path: Path, write: Callable[[Path], object]) -> Iterator[WrittenFile
             with beside.open("rb") as file:
                 sha256 = hashlib.file_digest(file, "sha256").hexdigest()
         except OSError as error:
-            raise _unwritable(path, error) from error
+            raise Unwritable(path, error) from error
         yield WrittenFile(beside, path, sha256)
     finally:
         _remove(beside)
-
-
-def _unwritable(path: Path, error: OSError) -> BadParameter:
-    return BadParameter(
-        f"{path} cannot be written: {error.strerror}", "name a file in a folder that exists and can be written"
-    )
 
 
 # A folder is in use while its descriptor is locked; the system releases the lock of a program that ends.

@@ -35,11 +35,12 @@ def guarded(
     collector, whose runs cannot be interrupted. Must be entered in the main thread;
     `emergency_stop` is called from another one, waits for no lock and never raises.
     """
-    asked = False
+    asked = ended = False
 
     def hear(number: int, frame: FrameType | None) -> None:
-        nonlocal asked
+        nonlocal asked, ended
         if number != signal.SIGINT:
+            ended = True
             raise SystemExit(terminated)
         if asked:
             raise KeyboardInterrupt
@@ -49,6 +50,8 @@ def guarded(
     with woken(emergency_stop), handled(hear), _stopped_before_suspended(emergency_stop), _short_turns():
         try:
             yield
+            if ended:  # Python ignores errors in the finalizer in which the signal was heard
+                raise SystemExit(terminated)
         except BaseException:
             emergency_stop()
             raise

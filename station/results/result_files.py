@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from procedures.numbers import ENERGY_OUTSIDE_SUPPORT, SAMPLES_PER_PIXEL, SUPPORT
 from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
-from station.common.durable_files import Disk, hashes_in, holds, make, read_own, release, sweep
+from station.common.durable_files import Disk, Unwritable, hashes_in, holds, make, read_own, release, sweep
 from station.common.sanitise import encodable
 from station.results.plane_result import PlaneResult
 from station.results.record_head import verdict_entry
@@ -64,7 +64,7 @@ class ResultFolder:
             sweep(self.path, UNFINISHED)
             self.staging, self._held = make(UNFINISHED, self.path)
         except OSError as error:
-            raise unwritable(self.path, error) from error
+            raise Unwritable(self.path, error) from error
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -80,7 +80,7 @@ class ResultFolder:
         try:
             data(self.staging / name) if callable(data) else (self.staging / name).write_bytes(data)
         except OSError as error:
-            raise unwritable(self.path, error) from error
+            raise Unwritable(self.path, error) from error
 
     def publish(self) -> None:
         """Put the staged files in the older result's place, and remove what only that had. Raises BadParameter if the
@@ -88,7 +88,7 @@ class ResultFolder:
         try:
             self._publish(Disk())
         except OSError as error:
-            raise unwritable(self.path, error) from error
+            raise Unwritable(self.path, error) from error
 
     def _publish(self, disk: Disk) -> None:
         staged = sorted(file.relative_to(self.staging) for file in self.staging.rglob("*") if file.is_file())
@@ -134,12 +134,6 @@ class ResultFolder:
         if name == RECORD:
             return str(json_object(self.path / RECORD).get("schema", "")).startswith("station/")
         return any(holds(self.path / name, digest) for digest in older.get(name, ()))
-
-
-def unwritable(folder: Path, error: OSError) -> BadParameter:
-    """The error of a folder that cannot be written."""
-    reason = f"the results need a folder that can be written; {folder}: {error.strerror}"
-    return BadParameter(reason, "name another folder with --out, or make room")
 
 
 def own_hashes(folder: Path) -> dict[str, list[str]]:

@@ -48,12 +48,22 @@ def link(server):
 
 
 @pytest.mark.parametrize(
-    "refusal", [(503, b"busy"), (200, b"<html>"), (200, b"[]"), (200, b'{"ErrorNumber": 1280, "ErrorMessage": "no"}')]
-)
+    "refusal",
+    [
+        (503, b"busy"), (200, b"<html>"), (200, b"[" * 10_000), (200, b"[]"), (200, b'{"ErrorNumber": 1e999}'),
+        (200, b'{"ErrorNumber": 1280, "ErrorMessage": "no"}'),
+    ],
+)  # fmt: skip
 def test_a_stop_is_repeated_until_the_server_acknowledges_it(server, link, refusal):
     server.replies = [refusal, DONE]
     link.preempt("halt")
     assert server.called == ["halt", "halt"]
+
+
+def test_a_server_that_lists_no_actions_connects(server, link):
+    server.replies = [(200, b'{"ErrorNumber": 0, "Value": null}')]
+    link.open()
+    assert not link.can_resume
 
 
 def test_a_stop_that_is_never_acknowledged_ends_without_an_error(server, link):

@@ -1,6 +1,8 @@
 import pytest
 
+from drivers.errors import NoAnswer
 from drivers.light import DmxLight, DmxParser, LampProperties
+from drivers.transport import SerialTransport
 
 
 @pytest.mark.parametrize(("pwm_hz", "exposure_s"), [(0.0, 0.001), (1000.0, 0.1), (1000.0, 0.2)])
@@ -25,6 +27,12 @@ def test_a_lamp_is_steady_after_its_warm_up(wired, bench):
     assert light.steady()
     light.set_level(0.5)  # nothing changes, nothing warms up
     assert light.steady()
+
+
+def test_an_echo_is_no_reply():
+    light = DmxLight(SerialTransport("loop://", DmxParser))
+    with pytest.raises(NoAnswer):
+        light.connect()
 
 
 def test_only_its_own_channels_are_lit(wired, bench):

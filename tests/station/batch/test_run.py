@@ -1,6 +1,7 @@
 """Batches through the command and its function: what is found, named, kept, resumed, and where it may write."""
 
 import csv
+import errno
 import hashlib
 import io
 import json
@@ -17,6 +18,7 @@ from urllib.parse import unquote
 
 import numpy as np
 import pytest
+from click.exceptions import Exit
 from click.testing import CliRunner
 
 from procedures import BadParameter, read_frame
@@ -26,6 +28,7 @@ from station.batch.procedure_file import read_procedure
 from station.batch.run import owned, run_batch
 from station.batch.stored_rows import _against
 from station.calibration.folder_photographs import Item, find_frames, singly
+from station.cli.batch import _stopped
 from tests.program import run
 
 from .test_registry import here
@@ -134,6 +137,27 @@ def test_nothing_is_done_twice_even_under_another_name(done, tmp_path):
     assert all(row.reused for row in rows)
     assert {path: path.stat().st_mtime_ns for path in out.rglob("*")} == before
     assert {Path(row.files[0]).name: row.verdict for row in rows}["renamed.dng"] == "pass"
+    assert all(str(source) in row.reason for row in rows if row.verdict == "unreadable")
+
+
+def test_a_full_disk_is_no_verdict_about_the_photograph(tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / "a.dng").write_text("no photograph")
+    monkeypatch.setattr(Path, "write_bytes", full)
+    (row,) = again(tmp_path / "in", tmp_path / "out")
+    assert (row.verdict, row.folder) == ("lost", "")
+    assert row.reason.endswith("cannot be written: No space left on device")
+
+
+@pytest.mark.parametrize("end", [KeyboardInterrupt(), SystemExit(130)])
+def test_a_batch_that_is_ended_names_what_is_kept(tmp_path, capsys, end):
+    with pytest.raises(Exit) as exit, _stopped(tmp_path):
+        raise end
+    assert exit.value.exit_code == 130
+    assert "what was done is kept in" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("spoil", ["deleted", "emptied", "flipped"])
@@ -243,7 +267,7 @@ def test_what_killed_workers_leave_is_removed(tmp_path):
         assert not left.parent.exists()
 
 
-HOSTILE = ["<script>alert(1)</script>", "=cmd|'!A0", "line\nbreak", "\x1b[2Jclear", "...", "'; rm -rf x", "[red]x[/]"]
+HOSTILE = ["<script>alert(1)</script>", "=cmd|'!A0", "line\nbreak", "\x1b[2Jclear", "a...", "'; rm -rf x", "[red]x[/]"]
 
 
 @pytest.mark.slow

@@ -103,6 +103,8 @@ GOOD = {
     },
     "watchdog": {"driver": '"strig_watchdog"', "box": '"shutter"', "stages": '["stage"]'},
     "lamp": {"driver": '"grbl_light"', "on": '"stage"', "warm_up_s": "0.5"},
+    "node": {"driver": '"artnet"', "host": '"192.168.1.30"'},
+    "dome": {"driver": '"alpaca_light"', "server": '"127.0.0.1:11111"', "switch": "0"},
 }
 
 NO_NUMBER = ['"fast"', "true", "nan", "inf", "[1]", "{a = 1}"]
@@ -179,6 +181,8 @@ WRONG = {
         "lens": TEXT,
     },
     "relay": {"on": ['"rail"', '"head"', "2"]},
+    "node": {"host": [*TEXT, '"node:65536"']},
+    "dome": {"server": [*TEXT, '"127.0.0.1"', '"[::1]:65536"']},
     "fast": {"full_scale_g": ABOVE_0, "full_scale_deg_s": ABOVE_0},
     "light": {
         "channels": ["[]", "[0]", "[513]", "true", "[1, 1]", '["a"]', "[1.5]"],

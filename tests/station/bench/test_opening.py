@@ -159,6 +159,18 @@ def test_every_other_end_stops_and_ends_with_the_device_code(number):
     assert ended.value.code == 3
 
 
+def test_an_end_that_is_heard_where_errors_are_ignored_ends_all_the_same(monkeypatch):
+    class Finalized:
+        def __del__(self):
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    ignored = []
+    monkeypatch.setattr(sys, "unraisablehook", lambda error: ignored.append(error.exc_type))
+    with pytest.raises(SystemExit), guarded(lambda: None, lambda: None):
+        Finalized()
+    assert ignored == [SystemExit]
+
+
 @pytest.mark.skipif(not hasattr(signal, "SIGTSTP"), reason="programs are not suspended here")
 def test_what_is_suspended_stops_first(monkeypatch):
     reported = []

@@ -79,6 +79,7 @@ def test_an_unknown_driver_is_refused(station):
     done = station("conform", "toy-stages")
     assert done.returncode == 2
     assert "toy-stages has no twin" in done.stderr
+    assert "alpaca_stage" in done.stderr
     assert "toy-stage" in done.stderr
 
 

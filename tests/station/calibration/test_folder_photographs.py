@@ -30,13 +30,14 @@ def found(folder, out):
 
 
 def test_photographs_are_found_by_suffix_in_folders_and_below_in_their_order(folder):
-    here = folder("b.DNG", "a.nef", "notes.txt", "a.xmp", "sub/c.pgm", ".hidden/d.dng", "a.jpg", "Sub2/e.tiff")
+    here = folder("b.DNG", "a.nef", "._a.nef", "~b.dng", "a.xmp", "sub/c.pgm", ".hidden/d.dng", "a.jpg", "Sub2/e.tiff")
     assert found(here, here / "out") == ["a.nef", "b.DNG", "Sub2/e.tiff", "sub/c.pgm"]
 
 
 def test_results_are_no_photographs(folder):
-    here = folder("a.dng", "out/results/a-1/psf_G1.png")
+    here = folder("a.dng", "out/b.dng", "out/results/a-1/psf_G1.png")
     assert found(here, here / "out") == ["a.dng"]
+    assert found(here / "out", here / "out") == ["b.dng"]
 
 
 def test_pipes_and_links_that_lead_nowhere_are_found_and_refused_by_name(folder):

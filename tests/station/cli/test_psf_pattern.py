@@ -170,8 +170,7 @@ def test_usage_is_exit_2_and_leaves_nothing(estimator, photograph, tmp_path, wor
 @pytest.mark.parametrize("out", ["file.txt", "file.txt/below"])
 def test_folder_that_cannot_be_written_is_found_before_the_estimate(estimator, photograph, tmp_path, out):
     (tmp_path / "file.txt").write_text("here first")
-    done = run("psf", "pattern", photograph, "--out", tmp_path / out, code=2, says="folder that can be written")
-    assert "--out" in done.stderr
+    run("psf", "pattern", photograph, "--out", tmp_path / out, code=2, says="folder that can be written")
     assert estimator.asked == []
 
 

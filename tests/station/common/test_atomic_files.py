@@ -21,7 +21,8 @@ def test_older_file_survives_a_failure(tmp_path: Path, monkeypatch: pytest.Monke
 
     (tmp_path / "a").write_bytes(b"old")
     monkeypatch.setattr(Path, "write_bytes", full)
-    with pytest.raises(BadParameter, match="cannot be written: No space left"):
+    with pytest.raises(BadParameter, match="cannot be written: No space left") as raised:
         write_whole(tmp_path / "a", b"new")
+    assert raised.value.exit_code == 75  # the command was right
     assert (tmp_path / "a").read_bytes() == b"old"
     assert os.listdir(tmp_path) == ["a"]

@@ -155,6 +155,7 @@ def test_an_image_in_json_is_read_too():
         ("application/json", b'{"ErrorNumber": 1035, "ErrorMessage": "no image"}'),
         ("application/json", b'{"ErrorNumber": 0, "Value": [[[1]]]}'),
         ("application/json", b"{}"),
+        ("application/json", b"[]"),
         ("application/imagebytes", b"short"),
         ("application/imagebytes", HEADER.pack(1, 1035, 0, 0, 44, 0, 0, 0, 0, 0, 0) + b"no image"),
         ("application/imagebytes", HEADER.pack(1, 0, 0, 0, 44, 2, 3, 2, 1, 1, 0) + bytes(8)),
