@@ -4,7 +4,9 @@ A file is accepted when its size and time are stable, it decodes, and it did not
 that does not decode yet is examined again, as it may still grow.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass
+from glob import escape
 from pathlib import Path
 from typing import Annotated
 
@@ -124,9 +126,10 @@ class FolderCamera:
             self._strays += 1
             self._stray_until_s = self.clock.now_s() + exposure_s + self.tether.patience_s
             raise
-        companions = tuple(sorted(p for p in self._folder.glob(path.stem + ".*") if p != path and not is_raw(p)))
-        received_s = self.clock.now_s()
-        size = path.stat().st_size
+        companions = tuple(
+            sorted(p for p in self._folder.glob(f"{escape(path.stem)}.*") if p != path and not is_raw(p))
+        )
+        received_s, size = self.clock.now_s(), self._known[path][0]
         exposure = ExposedFile(path, digest, size, self.settings, requested_s, received_s, shutter, companions)
         check_settings(path, facts, self.settings)
         return exposure
@@ -138,15 +141,16 @@ class FolderCamera:
             raise self._stopped
 
     def _look(self) -> dict[Path, Stamp]:
-        """Every RAW file with its size and time; a file that vanishes meanwhile was renamed."""
+        """Every RAW file with its size and time; a file that vanishes meanwhile was renamed. Raises LineLost."""
         listed = {}
-        for path in self._folder.iterdir():
-            if is_raw(path):
-                try:
+        try:
+            for path in filter(is_raw, self._folder.iterdir()):
+                with suppress(FileNotFoundError):
                     stat = path.stat()
-                except FileNotFoundError:
-                    continue
-                listed[path] = (stat.st_size, stat.st_mtime_ns)
+                    listed[path] = (stat.st_size, stat.st_mtime_ns)
+        except OSError as error:
+            reason = f"the folder {self._folder} cannot be read: {error.strerror}"
+            raise LineLost(reason, "bring it back, then repeat") from error
         return listed
 
     def _await_frame(self, exposure_s: float) -> tuple[Path, ExposureMetadata, str]:

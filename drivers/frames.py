@@ -60,8 +60,8 @@ class KnownSensor:
     def read(self) -> FrameFormat | None:
         """The format; None while there is no file that decodes."""
         if self._format is None and self._folder.is_dir():
-            files = sorted(filter(is_raw, self._folder.iterdir()), key=lambda path: path.stat().st_mtime_ns)
-            with suppress(Exception):  # decoders raise any exception on an incomplete file
+            with suppress(Exception):  # a file is renamed, or incomplete, on which decoders raise any exception
+                files = sorted(filter(is_raw, self._folder.iterdir()), key=lambda path: path.stat().st_mtime_ns)
                 self._format = self._inspect(files[-1]).sensor
         return self._format
 

@@ -13,7 +13,16 @@ from functools import partial, reduce
 from operator import xor
 from typing import ClassVar
 
-from drivers.errors import BadConfiguration, Clock, EmergencyStopped, LineLost, MoveFailed, NoAnswer, Rejected
+from drivers.errors import (
+    BadConfiguration,
+    Clock,
+    DeviceError,
+    EmergencyStopped,
+    LineLost,
+    MoveFailed,
+    NoAnswer,
+    Rejected,
+)
 from drivers.interfaces import Identity, ShutterTimes, Transport
 from drivers.making import DriverOptions, LineOptions, MakerContext, OutputOptions
 from drivers.options import SHUTTER, STRIG_BOX, Port
@@ -347,10 +356,10 @@ class RtsShutter(OneContact[Transport[UnrecognisedLine]]):
     def fire(self, pulse_s: float, focus_s: float = 0.0) -> ShutterTimes:
         """Close for `pulse_s`; the times are the host's. Raises LineLost, MoveFailed."""
         self._aborted = False
-        self.clock.sleep(focus_s)
+        self._transport.wait(lambda: self._aborted, focus_s)
         closed_s = self.clock.now_s()
-        self._transport.set_lines(rts=True)
         try:
+            self._transport.set_lines(rts=not self._aborted)
             self._transport.wait(lambda: self._aborted, pulse_s)
         finally:
             self._transport.set_lines(rts=False)
@@ -377,13 +386,17 @@ class RelayShutter(GrblOutput, OneContact[GrblLink]):
 
     def fire(self, pulse_s: float, focus_s: float = 0.0) -> ShutterTimes:
         """Close for `pulse_s`; the times are those of the controller's responses. Raises DeviceError."""
-        self.clock.sleep(focus_s)
+        undisturbed = partial(self.link.trust.undisturbed, self.link.trust.epoch)
+        self.link.pause(focus_s)
         try:
-            self.link.command("M8", 2.0)
+            self.link.command("M8", 2.0, undisturbed)
             closed_s = self.clock.now_s()
             self.link.command(f"G4 P{pulse_s:.3f}", pulse_s + 1.0)
-        finally:
-            self.abort()
+        except DeviceError:
+            with suppress(DeviceError):  # a controller that was reset refuses it; its relay is open
+                self.abort()
+            raise
+        self.abort()
         return ShutterTimes(closed_s, self.clock.now_s())
 
     def abort(self) -> None:

@@ -1,3 +1,5 @@
+import shutil
+
 import pytest
 
 from drivers.errors import EmergencyStopped, FrameMissing, FrameWrong, LineLost, NoAnswer
@@ -116,6 +118,12 @@ def test_in_bulb_the_contact_is_held_for_the_exposure(bench, box):
 def test_a_folder_that_is_not_there_is_reported(bench, box):
     with pytest.raises(LineLost, match="there is no folder"):
         FolderCamera(bench.folder / "nowhere", box, inspect, clock=bench.clock).connect()
+
+
+def test_a_folder_that_goes_away_is_an_error_of_the_device(camera):
+    shutil.rmtree(camera.address)
+    with pytest.raises(LineLost, match="cannot be read: No such file or directory; bring it back"):
+        camera.expose()
 
 
 def test_an_emergency_stop_ends_the_wait_for_a_frame(camera, bench):

@@ -2,9 +2,10 @@ import os
 
 import pytest
 
-from drivers.errors import LineLost, MoveFailed, NoAnswer, Rejected
+from drivers.errors import EmergencyStopped, LineLost, MoveFailed, NoAnswer, Rejected
 from drivers.shutter import NullParser, RtsShutter
 from drivers.transport import SerialTransport
+from station.bench.opening import make_bench, simulated_tables
 
 
 def test_the_clocks_differ_by_drift_and_start_alone(box, bench):
@@ -69,3 +70,19 @@ def test_opening_the_port_of_an_rts_shutter_takes_no_photograph(bench, wired):
     assert not bench.body.openings
     shutter.fire(0.1)
     assert len(bench.body.openings) == 1
+
+
+@pytest.mark.parametrize(
+    "driver", [{"driver": "rts"}, {"driver": "relay", "on": "stage"}], ids=lambda table: table["driver"]
+)
+@pytest.mark.parametrize("stop_s", [0.3, 1.5])
+def test_no_contact_closes_after_an_emergency_stop_which_is_the_error_of_the_shot(bench, tmp_path, driver, stop_s):
+    stage = simulated_tables(bench.address, tmp_path)["stage"]
+    line = {"port": bench.address("rts")} if driver["driver"] == "rts" else {}
+    opened = make_bench({"stage": stage, "shutter": driver | line}, folder=tmp_path, clock=bench.clock)
+    opened.connect()
+    stop = lambda: (bench.clock.sleep(stop_s), opened.emergency_stop())  # noqa: E731
+    fired, _ = bench.clock.together(lambda: opened.shutter.fire(1.0, focus_s=1.0), stop)
+    opened.close()
+    assert isinstance(fired, EmergencyStopped)
+    assert not bench.body.openings or stop_s > 1.0
