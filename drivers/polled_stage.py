@@ -148,7 +148,11 @@ class AxisStage(ABC, Generic[E, A]):
         with opened(self._transport, self._hear):
             identity = Identity(*self._introduce(), self.address)
             for axis in self._axes:
-                self._travel[axis.name], self._speed[axis.name] = self._prepare(axis)
+                self._travel[axis.name], speed = self._prepare(axis)
+                if speed <= 0:
+                    reason = f"{axis.name} at {self.address} reports a speed of {speed:g}"
+                    raise Rejected(reason, "connect again, or set speed_per_s of the axis")
+                self._speed[axis.name] = speed
         self.trust.why = UNHOMED
         return identity
 

@@ -65,6 +65,13 @@ def test_a_speed_of_the_table_is_that_of_the_move(driver, tmp_path):
         assert 4.0 < bench.clock.now_s() - start_s < 4.6
 
 
+def test_a_stage_without_speed_is_refused(tmp_path):
+    with stage_of("gcs", tmp_path) as bench:
+        bench.twin.motors["1"].speed = 0.0
+        with pytest.raises(Rejected, match="x_mm at .* reports a speed of 0; connect again"):
+            bench.stage.connect()
+
+
 def test_a_stage_that_was_switched_off_is_not_trusted(bench):
     bench.cable.happen(bench.twin.restart)
     with pytest.raises(WasReset, match=r"x_mm at .* has lost its reference"):

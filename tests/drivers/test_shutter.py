@@ -81,6 +81,7 @@ def test_no_contact_closes_after_an_emergency_stop_which_is_the_error_of_the_sho
     line = {"port": bench.address("rts")} if driver["driver"] == "rts" else {}
     opened = make_bench({"stage": stage, "shutter": driver | line}, folder=tmp_path, clock=bench.clock)
     opened.connect()
+    opened.stage.home()  # a locked controller switches no relay
     stop = lambda: (bench.clock.sleep(stop_s), opened.emergency_stop())  # noqa: E731
     fired, _ = bench.clock.together(lambda: opened.shutter.fire(1.0, focus_s=1.0), stop)
     opened.close()
