@@ -38,6 +38,7 @@ class RecomputedResult:
 
     result : folder of the result, relative to the session
     same, different, missing, added : names of files, by comparison with the hashes in the journal
+    altered : files that are no longer as the journal has them
     keys : entries in which the records differ
     kernels : processor family whose linear algebra kernels reproduced the files, where those of this processor did not
     machine : differences of the computing environment: (what, then, now)
@@ -52,6 +53,7 @@ class RecomputedResult:
     different: tuple[str, ...]
     missing: tuple[str, ...]
     added: tuple[str, ...]
+    altered: tuple[str, ...] = ()
     keys: tuple[str, ...] = ()
     machine: tuple[tuple[str, str, str], ...] = ()
     kernels: str = ""
@@ -63,7 +65,7 @@ class RecomputedResult:
     @property
     def identical(self) -> bool:
         """Whether every file is bitwise the same."""
-        return not (self.different or self.missing or self.added)
+        return not (self.different or self.missing or self.added or self.altered)
 
 
 def recompute(folder: Path, numbers: tuple[int, ...] = ()) -> Iterator[RecomputedResult]:
@@ -124,18 +126,16 @@ def _recomputed(folder: Path, result: DerivedResult, state: SessionState) -> Rec
         keys = _differing(folder / result.folder / RECORD, fresh / RECORD)
         shared, moved, verdicts = _planes_compared(folder / result.folder, fresh)
     environment = result.about.get("machine", {})
-    same = [
-        name
-        for name, digest in hashes.items()
-        if result.files.get(name) == digest and holds(folder / result.folder / name, digest)
-    ]
+    altered = [name for name, digest in result.files.items() if not holds(folder / result.folder / name, digest)]
+    same = [name for name, digest in hashes.items() if result.files.get(name) == digest]
     before, now = _flat(environment), _flat(machine())
     return RecomputedResult(
         result.folder,
-        tuple(sorted(same)),
+        tuple(sorted(name for name in same if name not in altered)),
         tuple(sorted(name for name in hashes if name in result.files and name not in same)),
         tuple(sorted(name for name in result.files if name not in hashes)),
         tuple(sorted(name for name in hashes if name not in result.files)),
+        tuple(sorted(altered)),
         keys,
         tuple((k, str(before.get(k)), str(now.get(k))) for k in sorted(before) if before[k] != now.get(k)),
         version=str(environment.get("software", {}).get("version") or ""),
