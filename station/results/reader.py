@@ -24,7 +24,7 @@ from station.results.record_head import InputFile, RecordHead, read_other_causes
 from station.results.result_files import RECORD, SEAL, plain
 from station.results.units import Unit, unit_in
 
-_AGAIN = "recompute the session"
+_AGAIN = "name the folder of a whole result, or compute it again"
 MAX_BYTES = 400_000_000
 MAX_PLANE_NAME = 8
 """Longer names are of no plane; they would also be file names."""
@@ -140,7 +140,7 @@ def _own(path: Path) -> bytes:
             raise BadInput(f"{path} is larger than {MAX_BYTES} bytes", _AGAIN)
         return read_own(path)
     except OSError as error:
-        raise BadInput(f"{path} cannot be read: {error}", _AGAIN) from error
+        raise BadInput(f"{path} cannot be read: {error.strerror}", _AGAIN) from error
 
 
 def _curves(path: Path) -> tuple[Unit, dict[str, Array]]:
