@@ -52,6 +52,14 @@ class Sampling:
                 f"s must be at most {MOST_PER_PX} and k at most {MOST_SAMPLES}; got s = {self.s}, k = {self.k}",
                 "give s = 4 and k = 17, or omit both for the automatic choice",
             )
+        if any(number is not None and number != int(number) for number in (self.s, self.k)):
+            raise BadParameter(
+                f"s and k must be whole numbers; got s = {self.s}, k = {self.k}", "give s = 4 and k = 17"
+            )
+        if not all(0 <= frequency < np.inf for frequency in self.at):
+            raise BadParameter(
+                f"frequencies must be finite, 0 or more; got {self.at}", "give 0.1 and 0.25, for example"
+            )
         if self.s is not None and self.s < 1:
             raise BadParameter(f"s must be 1 or more; got s = {self.s}", "give s = 3 or 4")
         if self.k is not None and (self.k < 3 or self.k % 2 == 0):
@@ -122,9 +130,12 @@ class Psf:
     def __post_init__(self) -> None:
         k = self.h.shape[0]
         if self.h.shape != (k, k) or k % 2 == 0:
-            raise ValueError(f"a PSF is an odd square of samples; got shape {self.h.shape}")
+            raise BadParameter(f"a PSF is an odd square of samples; got shape {self.h.shape}", "give 17 x 17 of them")
         if self.covariance.shape != (k * k, k * k):
-            raise ValueError(f"the covariance of {k * k} samples is {k * k} square; got {self.covariance.shape}")
+            shape = self.covariance.shape
+            raise BadParameter(f"the covariance of {k * k} samples is {k * k} square; got {shape}", "give all pairs")
+        if self.s < 1 or not np.isfinite(self.h).all():
+            raise BadParameter(f"a PSF has finite samples, s a pixel; got s = {self.s}", "give s = 1 or more")
         q = len(self.tail.amplitudes)
         if q > len(SHAPES) or (q and self.tail.cross.shape != (k * k, q)) or self.tail.covariance.shape != (q, q):
             raise ValueError(f"the tail's covariances must fit {k * k} samples and {q} of {len(SHAPES)} shapes")
