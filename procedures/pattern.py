@@ -116,7 +116,7 @@ class Chart:
         The bits are those of SHAKE-256 over the seed's decimal text, most significant first: a standardised function,
         unlike the stream of a random generator, which may change with library releases.
         """
-        if not isinstance(seed, int) or seed < 0:
+        if not isinstance(seed, int | np.integer) or seed < 0:
             raise BadParameter(
                 f"a seed is a whole number, 0 or more; got {seed!r}", "give the one printed on the sheet"
             )
