@@ -11,10 +11,6 @@ FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """First characters that a spreadsheet takes for a formula."""
 
 
-MOST_DECIMALS = 12
-"""Decimals of a rounded number, beyond which it is written as a power of ten."""
-
-
 def encodable(text: str) -> str:
     r"""Replace what is not Unicode (bytes of a file name) by `\udc80` and the like, so that it can be written."""
     return text.encode("utf-8", "backslashreplace").decode()
@@ -48,7 +44,7 @@ def stated(value: float, uncertainty: float) -> str:
     if not math.isfinite(uncertainty) or uncertainty <= 0:
         return f"{value:.4g}".replace("-", "−")
     decimals = max(0, 1 - math.floor(math.log10(uncertainty)))
-    if decimals > MOST_DECIMALS:
+    if decimals > 12:  # a power of ten is shorter
         return f"{value:.4g} ± {uncertainty:.1e}".replace("-", "−")
     return f"{value:z.{decimals}f} ± {uncertainty:.{decimals}f}".replace("-", "−")
 

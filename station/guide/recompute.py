@@ -14,7 +14,7 @@ from procedures.outcome import BadInput, BadParameter
 from station.common.durable_files import holds, sha256_of, temporary_folder
 from station.guide.catalogue import plan_named
 from station.guide.session_result import compute
-from station.results.reader import Change, changes, read_result
+from station.results.reader import changes, read_result
 from station.results.result_files import RECORD, is_sealed
 from station.sessions.journal import KERNELS, machine
 from station.sessions.reader import read_session, verify
@@ -152,17 +152,17 @@ def _planes_compared(old: Path, new: Path) -> tuple[int, tuple[MovedNumber, ...]
     except BadInput:  # the hashes report what is wrong with the older result
         return 0, (), ()
     both = [(before[name], now[name]) for name in before if name in now]
-    shared = [(one.name, change) for one, other in both for change in changes(one, other)]
-    moved = [_moved(plane, change) for plane, change in shared if change.one.value != change.other.value]
+    shared = [
+        (one.name, change.name, change.one, change.other) for one, other in both for change in changes(one, other)
+    ]
+    moved = [  # both are of the same photographs, so that the change is relative to a single uncertainty
+        MovedNumber(plane, name, then.value, now.value,
+                    (now.value - then.value) / then.uncertainty if then.uncertainty > 0 else math.inf)
+        for plane, name, then, now in shared if then.value != now.value
+    ]  # fmt: skip
     moved.sort(key=lambda one: -abs(one.sigmas))
     verdicts = tuple((a.name, str(a.verdict), str(b.verdict)) for a, b in both if a.verdict is not b.verdict)
     return len(shared), tuple(moved), verdicts
-
-
-def _moved(plane: str, change: Change) -> MovedNumber:
-    """A changed number; both come from the same photographs, so the change is relative to a single uncertainty."""
-    then, now, spread = change.one.value, change.other.value, change.one.uncertainty
-    return MovedNumber(plane, change.name, then, now, (now - then) / spread if spread > 0 else math.inf)
 
 
 def _differing(old: Path, new: Path) -> tuple[str, ...]:

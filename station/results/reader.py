@@ -112,7 +112,8 @@ def _plane(folder: Path, name: str, entry: Mapping[str, Any]) -> PlaneResult:
     samples = folder / f"psf_{name}.npy"
     return PlaneResult(
         name, verdict, str(entry.get("reason", "")), str(entry.get("remedy", "")), numbers, curves,
-        _samples(samples) if verdict is not Verdict.REFUSED and samples.is_file() else None,
+        checked_array(parse_npy(_own(samples), str(samples), _AGAIN), f"the PSF {samples}", ("k", "k"), remedy=_AGAIN)
+        if verdict is not Verdict.REFUSED and samples.is_file() else None,
         values=values, unit=unit, pitch=0, specification=Comparison.from_record(entry.get("specification")),
         unavailable=tuple(map(str, _list(entry.get("untold")))), details=rest, other_causes=read_other_causes(entry),
     )  # fmt: skip
@@ -128,10 +129,6 @@ def _quantity(value: object) -> Quantity | None:
 
 def _number(value: object) -> float:
     return float(value) if isinstance(value, int | float) else math.nan
-
-
-def _samples(path: Path) -> Array:
-    return checked_array(parse_npy(_own(path), str(path), _AGAIN), f"the PSF {path}", ("k", "k"), remedy=_AGAIN)
 
 
 def _own(path: Path) -> bytes:

@@ -70,7 +70,8 @@ def _words(record: SessionRecord) -> str:
     ]
     parts = [columns(about)]
     if state.facts:
-        parts.append(columns([("fact", "value"), *((name, _value(fact)) for name, fact in state.facts.items())]))
+        facts = ((name, f"{fact:g}" if isinstance(fact, float) else str(fact)) for name, fact in state.facts.items())
+        parts.append(columns([("fact", "value"), *facts]))
     if state.shots:
         counts = {True: "yes", False: "no", None: "not judged"}
         shots = (
@@ -86,10 +87,6 @@ def _words(record: SessionRecord) -> str:
 
 
 SHOT_HEADING = ("shot", "file", "step", "purpose", "counts", "why not")
-
-
-def _value(fact: object) -> str:
-    return f"{fact:g}" if isinstance(fact, float) else str(fact)
 
 
 @command("resume", strict=True)
