@@ -161,8 +161,9 @@ def _explain_plane(plane: PlaneResult) -> PlaneExplanation:
     if plane.verdict is Verdict.REFUSED or not name:
         return plain
     total = sum(part**2 for part in budget.values())
+    saved = {term: 0.75 if term in HALVED else 1.0 for term in budget}  # of a term's variance, at best
     shares = [
-        BudgetShare(term, part**2 / total, REMEDIES.get(term, ""), math.sqrt(total - _saved(term) * part**2))
+        BudgetShare(term, part**2 / total, REMEDIES.get(term, ""), math.sqrt(total - saved[term] * part**2))
         for term, part in sorted(budget.items(), key=lambda item: -item[1])
         if part > 0
     ]
@@ -172,11 +173,6 @@ def _explain_plane(plane: PlaneResult) -> PlaneExplanation:
         )
     value = f"{stated(number.value, number.uncertainty)} {number.unit}".removesuffix(" 1")
     return replace(plain, number=name, value=value, uncertainty=number.uncertainty, terms=tuple(shares))
-
-
-def _saved(term: str) -> float:
-    """Part of a term's variance that its remedy saves at best."""
-    return 0.75 if term in HALVED else 1.0
 
 
 def _budget(plane: PlaneResult, name: str) -> Mapping[str, float]:

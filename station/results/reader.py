@@ -24,7 +24,7 @@ from station.results.record_head import InputFile, RecordHead, read_other_causes
 from station.results.result_files import RECORD, SEAL, plain
 from station.results.units import Unit, unit_in
 
-_AGAIN = "name the folder of a whole result, or compute it again"
+_AGAIN = "compute the result again, or name another"
 MAX_BYTES = 400_000_000
 MAX_PLANE_NAME = 8
 """Longer names are of no plane; they would also be file names."""

@@ -38,4 +38,4 @@ def test_a_result_without_a_psf_is_named(results, tmp_path):
     run("psf", "stability", *results, "--out", tmp_path / "o", code=4, says="r1 has no PSF")
     said = run("psf", "stability", results[0], "nosuch", results[0], "--out", tmp_path / "o", code=4).stderr
     assert "nosuch/result.json cannot be read: No such file or directory" in said
-    assert "name the folder of a whole result" in said
+    assert "compute the result again, or name another" in said
