@@ -58,6 +58,8 @@ def session_show(name: str, root: Path, check: bool, strict: bool, as_json: bool
 
 
 def _words(record: SessionRecord) -> str:
+    from station.common.models import listed
+
     state = record.state
     about = [
         ("session", record.folder.name),
@@ -80,7 +82,8 @@ def _words(record: SessionRecord) -> str:
         parts.append(columns([SHOT_HEADING, *shots]))
     if state.results:
         rows = [
-            (one.folder, one.step, " ".join(map(str, one.shots)), one.verdict, one.at[:16]) for one in state.results
+            (one.folder, one.step, listed([str(shot) for shot in one.shots]), one.verdict, one.at[:16])
+            for one in state.results
         ]
         parts.append(columns([("result", "step", "from shots", "verdict", "at"), *rows]))
     return "\n\n".join(parts)
