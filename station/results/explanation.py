@@ -100,7 +100,7 @@ class BudgetShare:
 
 @dataclass(frozen=True)
 class PlaneExplanation:
-    """A plane: cause, headline `number` in words, "" without one, and its budget, the largest term first."""
+    """A plane: cause, limits not met, headline `number` in words, "" without one, its budget, largest term first."""
 
     plane: str
     verdict: str
@@ -110,6 +110,7 @@ class PlaneExplanation:
     value: str = ""
     uncertainty: float = 0.0
     terms: Sequence[BudgetShare] = field(default_factory=tuple)
+    against: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -154,7 +155,8 @@ def explain_result(measurement: Measurement) -> list[PlaneExplanation]:
 
 
 def _explain_plane(plane: PlaneResult) -> PlaneExplanation:
-    plain = PlaneExplanation(plane.name, str(plane.verdict), plane.reason, plane.remedy)
+    against = plane.specification.against if plane.specification else ()
+    plain = PlaneExplanation(plane.name, str(plane.verdict), plane.reason, plane.remedy, against=against)
     known = [name for name in in_group(Group.LINE) if name in {**plane.numbers, **plane.values}]
     name = next((name for name in known if _budget(plane, name)), next(iter(known), ""))
     number, budget = plane.numbers.get(name), _budget(plane, name)
