@@ -26,7 +26,7 @@ G_M_S2 = 9.80665
 RATES_HZ = {0.2: 1, 0.5: 2, 1.0: 3, 2.0: 4, 5.0: 5, 10.0: 6, 20.0: 7, 50.0: 8, 100.0: 9, 200.0: 0x0B}
 NO_OUTPUT = 0x0D
 UNLOCK, SAVE = b"\xff\xaa\x69\x88\xb5", b"\xff\xaa\x00\x00\x00"
-CONTENT, RATE, BANDWIDTH, READ = 0x02, 0x03, 0x1F, 0x27
+CONTENT, RATE, BANDWIDTH, READ, VERSION = 0x02, 0x03, 0x1F, 0x27, 0x2E
 TIME_ACCELERATION_GYRO = 0x0007
 SETTLE_S = 0.02  # the module needs this between two register writes
 REPLY_S = 1.0
@@ -161,14 +161,14 @@ class WitImu(StreamingImu[WitFrame]):
         self._device_s: float | None = None
         self._before_s: float | None = None
         self._acceleration: tuple[float, ...] | None = None
-        self._version = ""
 
     def connect(self) -> Identity:
-        """Open, read back a register, and stop the stream that starts at power-up. Raises DeviceError."""
+        """Open, read its version, and stop the stream that starts at power-up. Raises DeviceError."""
         with opened(self._transport, self._hear):
+            version = self._register(VERSION)
             if self._register(RATE) != NO_OUTPUT:
                 self.stop()
-        return Identity("WitMotion", self._version, "", self.address)
+        return Identity("WitMotion", str(version or ""), "", self.address)
 
     def _register(self, number: int) -> int:
         """Read a register; retried, because the answer is sometimes lost in a fast stream."""
@@ -214,8 +214,6 @@ class WitImu(StreamingImu[WitFrame]):
                 rate = tuple(math.radians(word / 32768 * 2000) for word in frame.words[:3])
                 self._stream.put(ImuSample(self._device_s, host_s, (*self._acceleration, *rate)), self._missing())
                 self._before_s, self._acceleration, self._device_s = self._device_s, None, None
-            case 0x53:
-                self._version = f"{frame.words[3] & 0xFFFF}"
 
     def _missing(self) -> int:
         if self._before_s is None or self._device_s is None:

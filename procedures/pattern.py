@@ -11,7 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from procedures.display import summary
 from procedures.numerics.arrays import Array
+from procedures.outcome import BadParameter
 
 Cells = npt.NDArray[np.uint8]
 
@@ -101,6 +103,8 @@ class Chart:
     seed: int | None = None
     edges: bool = False
 
+    __repr__ = summary
+
     def __post_init__(self) -> None:
         if self.cells.shape != (CELLS, CELLS):
             raise ValueError(f"the chart has {CELLS} x {CELLS} cells; got {self.cells.shape}")
@@ -112,6 +116,10 @@ class Chart:
         The bits are those of SHAKE-256 over the seed's decimal text, most significant first: a standardised function,
         unlike the stream of a random generator, which may change with library releases.
         """
+        if not isinstance(seed, int | np.integer) or seed < 0:
+            raise BadParameter(
+                f"a seed is a whole number, 0 or more; got {seed!r}", "give the one printed on the sheet"
+            )
         digest = hashlib.shake_256(f"calibration-station chart {seed}".encode()).digest(CELLS * CELLS // 8)
         bits = np.unpackbits(np.frombuffer(digest, dtype=np.uint8))
         return cls(bits.reshape(CELLS, CELLS), seed)
@@ -120,6 +128,9 @@ class Chart:
     def from_image(cls, image: npt.NDArray[np.generic]) -> "Chart":
         """Chart of a 256 x 256 grey image: white where it exceeds half of its maximum."""
         if image.shape != (CELLS, CELLS):
-            raise ValueError(f"the cells come from a {CELLS} x {CELLS} grey image; got shape {image.shape}")
+            raise BadParameter(
+                f"the cells come from a {CELLS} x {CELLS} grey image; got shape {image.shape}",
+                "give one pixel per cell",
+            )
         levels = np.asarray(image, dtype=np.float64)
         return cls((levels > levels.max() / 2).astype(np.uint8))

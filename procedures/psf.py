@@ -47,27 +47,27 @@ class Sampling:
     at: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        if (self.s or 0) > MOST_PER_PX or (self.k or 0) > MOST_SAMPLES:
-            raise BadParameter(
-                f"s must be at most {MOST_PER_PX} and k at most {MOST_SAMPLES}; got s = {self.s}, k = {self.k}",
-                "give s = 4 and k = 17, or omit both for the automatic choice",
-            )
-        if self.s is not None and self.s < 1:
-            raise BadParameter(f"s must be 1 or more; got s = {self.s}", "give s = 3 or 4")
-        if self.k is not None and (self.k < 3 or self.k % 2 == 0):
-            raise BadParameter(
-                f"k must be odd and 3 or more, so that the support has a centre; got k = {self.k}",
-                f"give k = {self.k + 1 if self.k > 3 else 17}",
-            )
-        if self.s is not None and self.k is not None and self.k < self.s:
-            raise BadParameter(
-                f"k must be at least s, so that the support is a pixel wide; got s = {self.s}, k = {self.k}",
-                f"give k = {4 * self.s + 1}",
-            )
-        if self.solver not in SOLVERS:
-            raise BadParameter(
-                f"the solver must be one of {', '.join(SOLVERS)}; got {self.solver!r}", "give one of them"
-            )
+        s, k, got = self.s, self.k, f"got s = {self.s}, k = {self.k}"
+        refusals = (
+            (any(number is not None and number != int(number) for number in (s, k)),
+             f"s and k must be whole numbers; {got}", "give s = 4 and k = 17"),
+            ((s or 0) > MOST_PER_PX or (k or 0) > MOST_SAMPLES,
+             f"s must be at most {MOST_PER_PX} and k at most {MOST_SAMPLES}; {got}",
+             "give s = 4 and k = 17, or omit both for the automatic choice"),
+            (s is not None and s < 1, f"s must be 1 or more; got s = {s}", "give s = 3 or 4"),
+            (k is not None and (k < 3 or k % 2 == 0),
+             f"k must be odd and 3 or more, so that the support has a centre; got k = {k}",
+             f"give k = {k + 1 if k is not None and k > 3 else 17}"),
+            (s is not None and k is not None and k < s,
+             f"k must be at least s, so that the support is a pixel wide; {got}", f"give k = {4 * (s or 4) + 1}"),
+            (self.solver not in SOLVERS, f"the solver must be one of {', '.join(SOLVERS)}; got {self.solver!r}",
+             "give one of them"),
+            (not all(0 <= frequency < np.inf for frequency in self.at),
+             f"frequencies must be finite, 0 or more; got {self.at}", "give 0.1 and 0.25, for example"),
+        )  # fmt: skip
+        for wrong, reason, remedy in refusals:
+            if wrong:
+                raise BadParameter(reason, remedy)
 
     def to_record(self) -> dict[str, int | float | str | list[float]]:
         at = {"at": list(self.at)} if self.at else {}
@@ -122,9 +122,12 @@ class Psf:
     def __post_init__(self) -> None:
         k = self.h.shape[0]
         if self.h.shape != (k, k) or k % 2 == 0:
-            raise ValueError(f"a PSF is an odd square of samples; got shape {self.h.shape}")
+            raise BadParameter(f"a PSF is an odd square of samples; got shape {self.h.shape}", "give 17 x 17 of them")
         if self.covariance.shape != (k * k, k * k):
-            raise ValueError(f"the covariance of {k * k} samples is {k * k} square; got {self.covariance.shape}")
+            shape = self.covariance.shape
+            raise BadParameter(f"the covariance of {k * k} samples is {k * k} square; got {shape}", "give all pairs")
+        if self.s < 1 or not np.isfinite(self.h).all():
+            raise BadParameter(f"a PSF has finite samples, s a pixel; got s = {self.s}", "give s = 1 or more")
         q = len(self.tail.amplitudes)
         if q > len(SHAPES) or (q and self.tail.cross.shape != (k * k, q)) or self.tail.covariance.shape != (q, q):
             raise ValueError(f"the tail's covariances must fit {k * k} samples and {q} of {len(SHAPES)} shapes")

@@ -23,7 +23,8 @@ and half of the change counts as uncertainty."""
 
 def missing_light(psf: Psf) -> float:
     """Light missing in the rings around the core, or in the tail, relative to any lens, in standard uncertainties; the
-    tail beyond the support predicts 2 pi a (1 / r - 1 / R) between r and R."""
+    tail beyond the support predicts 2 pi a (1 / r - 1 / R) between r and R. A steep decay, as of a Gaussian that the
+    support cuts, makes a negative, although the light outside is not."""
     C, tail = psf.parameter_covariance, np.zeros(len(psf.parameters))
     if not len(psf.tail.amplitudes):
         return -np.inf
@@ -31,7 +32,8 @@ def missing_light(psf: Psf) -> float:
     radii = [radius for radius in RINGS_PX if radius <= psf.k / 2 / psf.s]
     within, narrow = [energy_within(psf, radius) for radius in radii], psf.narrowed(NARROW_BAND)
     band_errors = [(energy_within(narrow, radius)[0] - one) / 2 for radius, (one, _) in zip(radii, within, strict=True)]
-    missing = [_sigmas(-psf.tail_density_px, tail, C)]
+    in_tail = _sigmas(-psf.tail_density_px, tail, C)
+    missing = [in_tail if psf.share_outside < 0 else min(in_tail, 0.0)]
     rings = zip(pairwise(radii), pairwise(within), pairwise(band_errors), strict=True)
     for (r, R), ((inner, inner_slope), (outer, outer_slope)), (a, b) in rings:
         expected = MIN_TAIL_SHARE * 2 * np.pi * (1 / r - 1 / R)

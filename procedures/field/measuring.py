@@ -91,7 +91,7 @@ def measure(
     for path, answer in zip(paths, _in_parallel(paths, read, chart, parameters, sensors), strict=True):
         measured.add(path.name, answer)
         if progress is not None:
-            progress(path.name)
+            progress(f"read {path.name}")
     return measured
 
 

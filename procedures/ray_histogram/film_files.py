@@ -22,7 +22,7 @@ PARTS = ("samples", "image", "hist", "nsamples", "variance", "dropped")
 """The arrays of a film; others in the file are ignored."""
 
 
-def read_film(path: Path, picture: Path | None = None) -> Film:
+def read_film(path: Path | str, picture: Path | None = None) -> Film:
     """Read a film from an npz, or from an OpenEXR of histograms with its picture.
 
     path : Path, `.npz`, or `.exr` with channels `Bin_0000` to `Bin_0060`: 20 bins of each colour, then the count
@@ -33,6 +33,7 @@ def read_film(path: Path, picture: Path | None = None) -> Film:
 
     Raises BadInput if the file cannot be read, or something is missing; `Film.checked` checks the contents.
     """
+    path = Path(path)
     if path.suffix.lower() == ".exr":
         return _read_exr(path, picture)
     return _film_of_arrays(*read_npz(path, PARTS, "give a film, or an array `samples`"))

@@ -12,6 +12,7 @@ from scipy.ndimage import convolve1d, uniform_filter
 
 from procedures.corruption.noise import Variogram
 from procedures.numerics.arrays import Array
+from procedures.outcome import BadInput
 from procedures.sensor.rounding import NEGLIGIBLE
 
 BOXES = (7, 11)
@@ -79,10 +80,10 @@ class StackSums:
         self._columns.append(values.mean(axis=0))
 
     def stack(self, exposure_s: float, light: float) -> FrameStack:
-        """Stack of the added pictures. Raises ValueError for fewer than three."""
+        """Stack of the added pictures. Raises BadInput for fewer than three."""
         count = len(self._rows)
         if self._zero is None or count < LEAST_PICTURES:
-            raise ValueError(f"a stack has {LEAST_PICTURES} pictures or more; got {count}")
+            raise BadInput(f"a stack has {LEAST_PICTURES} pictures or more; got {count}", "take further ones")
         mean_picture = self._zero + self._total / count
         means = np.array([row.mean() for row in self._rows])
         shared = float(np.var(means, ddof=1))  # common to all pixels: a change of the light
@@ -198,10 +199,10 @@ def measure_level(pictures: Sequence[Numbers], exposure_s: float, light: float) 
 
     pictures : at least two (rows, columns) of digital numbers
 
-    Raises ValueError if there are fewer than two.
+    Raises BadInput if there are fewer than two.
     """
     if len(pictures) < 2:
-        raise ValueError(f"temporal noise needs two pictures of a level; got {len(pictures)}")
+        raise BadInput(f"temporal noise needs two pictures of a level; got {len(pictures)}", "take further ones")
     pairs = [_measure_pair(a, b) for a, b in zip(pictures[::2], pictures[1::2], strict=False)]
     mean, variance, mean_variance, variance_variance, change = (float(v) for v in np.mean(pairs, axis=0))
     return LightLevel(

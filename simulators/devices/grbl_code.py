@@ -147,7 +147,8 @@ def read(text: str, modes: Modes, *, jog: bool = False) -> Code | int:
     if axes and takes is None:
         takes = after.motion
     after, error = _feed(values, after, modes, jog=jog)
-    if error := error or _non_modal(groups.get("non_modal"), groups, values, axes) or _tool_length(groups, axes):
+    tool_length = 37 if groups.get("length") == 43.1 and set(axes) != {"Z"} else 0
+    if error := error or _non_modal(groups.get("non_modal"), groups, values, axes) or tool_length:
         return error
     moves = takes in (0, 1, 2, 3, 80) and bool(axes)
     if error := _motion(groups, values, axes, after, takes):
@@ -197,10 +198,6 @@ def _non_modal(
     if once == 92 and not axes:
         return 26
     return 0
-
-
-def _tool_length(groups: Mapping[str, float], axes: Mapping[str, float]) -> int:
-    return 37 if groups.get("length") == 43.1 and set(axes) != {"Z"} else 0
 
 
 def _motion(

@@ -18,7 +18,8 @@ NEVER = float("inf")
 BATCH_S = 0.016
 LONGEST_BACKLOG = 256  # unread samples are overwritten
 RATES_HZ = {1: 0.2, 2: 0.5, 3: 1.0, 4: 2.0, 5: 5.0, 6: 10.0, 7: 20.0, 8: 50.0, 9: 100.0, 11: 200.0}
-FACTORY = {0x02: 0x001E, 0x03: 0x0006, 0x1F: 0x0004}  # acceleration, gyro, angle, magnetic field at 10 Hz, 20 Hz wide
+# acceleration, gyro, angle, magnetic field at 10 Hz, 20 Hz wide; its version
+FACTORY = {0x02: 0x001E, 0x03: 0x0006, 0x1F: 0x0004, 0x2E: 4405}
 UNLOCKED_S = 10.0
 
 
@@ -118,7 +119,7 @@ class WitModule(SerialDevice):
         if content & 4:
             self._send(0x52, struct.pack("<4h", *rate, celsius))
         if content & 8:
-            self._send(0x53, struct.pack("<3hH", 0, 0, 0, 4405))
+            self._send(0x53, struct.pack("<3hH", 0, 0, 0, self._registers[0x2E]))
 
     def next_event_s(self) -> float | None:
         return self._sampler.due_s()

@@ -91,7 +91,11 @@ def run_batch(
     with owned(job.out), _stored(job.out) as rows:
         with closing(_answers(items, job, jobs, cluster, allowance, tls, stop, function)) as answers:
             for number, answer in answers:
-                row = _lost(items[number], answer) if isinstance(answer, Lost) else answer
+                if isinstance(answer, Lost):
+                    remedy = "look at this photograph by itself; if the system ran out of memory, use fewer --jobs"
+                    row = ItemRow(items[number].files, LOST, answer.reason, remedy)
+                else:
+                    row = answer
                 rows.add(number, row)
                 report(row)
         batch = Batch(job, rows, len(items) - len(rows), round(time.perf_counter() - start, 3))
@@ -108,11 +112,6 @@ def _answers(
     from station.batch.dask_pool import run_on_cluster
 
     return run_on_cluster(function, job, items, stop, cluster, tls)
-
-
-def _lost(item: Item, lost: Lost) -> ItemRow:
-    remedy = "look at this photograph by itself; if the system ran out of memory, use fewer --jobs"
-    return ItemRow(item.files, LOST, lost.reason, remedy)
 
 
 @contextmanager

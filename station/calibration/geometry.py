@@ -96,7 +96,7 @@ def measure_views(
         try:
             for path, answer in zip(paths, workers.map(one, paths), strict=True):
                 measured.append(answer)
-                progress(path.name)
+                progress(f"read {path.name}")
         finally:
             workers.shutdown(cancel_futures=True)
     return _by_plane(measured)

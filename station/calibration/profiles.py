@@ -42,17 +42,20 @@ def library_folder() -> Path:
     return Path(os.environ.get(ENVIRONMENT) or Path(data) / "calibration-station" / "profiles")
 
 
+def _missing(exposure: Exposure) -> list[str]:
+    return [name.replace("_", "-") for name in KEY if not getattr(exposure, name)]
+
+
 def add_profile(result: Path, given: Exposure, library: Path, *, replace: bool = False) -> Profile:
     """Copy the field of a result into the library; settings that are given take precedence over those in its file.
     Raises BadInput if there is no field; BadParameter if the key is incomplete, or the library has it."""
     source = field_path(result)
     recorded = read_camera(source) or Exposure()
     exposure = completed(given, recorded)
-    missing = [name for name in KEY if not getattr(exposure, name)]
-    if missing:
+    if missing := _missing(exposure):
         raise BadParameter(
             f"a profile needs camera, lens and f-number; {source} does not record its {', '.join(missing)}",
-            " and ".join(f"give --{name.replace('_', '-')}" for name in missing),
+            f"give {', '.join(f'--{name}' for name in missing)}",
         )
     focal, focus = exposure.focal_length_mm, exposure.subject_distance_mm
     words = [exposure.camera, exposure.lens, f"f{exposure.f_number:g}"]
@@ -102,8 +105,7 @@ def find_profiles(wanted: Exposure, library: Path) -> list[Profile]:
 def profile_for(exposure: Exposure) -> Path:
     """The field of the library for a photograph. Raises BadInput if there is none, BadParameter if the photograph does
     not record what identifies one."""
-    missing = [name for name in KEY if not getattr(exposure, name)]
-    if missing:
+    if missing := _missing(exposure):
         raise BadParameter(
             f"a field is chosen by camera, lens and f-number; the photograph does not record its {', '.join(missing)}",
             "give --field",

@@ -97,7 +97,10 @@ def measure_sensor(
     light = any(shot.photons is not None for shot in shots)
     planes = []
     for name, of in gathered.items():
-        dark, flat = (_largest(of.stacks, kind) for kind in (DARK, LIGHT))
+        dark, flat = (
+            max((stack for which, stack in of.stacks if which == kind), key=lambda stack: stack.count, default=None)
+            for kind in (DARK, LIGHT)
+        )
         darks, lights = _once(of.darks, lambda one: one.exposure_s), _once(of.lights, lambda one: one.light)
         recording = SensorRecording(darks, lights, light, dark, flat)
         outcome = for_want(characterise(recording, np.random.default_rng(SEED)), excluded, count)
@@ -190,7 +193,3 @@ def _once(levels: Sequence[LightLevel], of: Callable[[LightLevel], float]) -> tu
     for level in levels:
         first.setdefault(of(level), level)
     return tuple(first[at] for at in sorted(first))
-
-
-def _largest(stacks: Sequence[tuple[str, FrameStack]], kind: str) -> FrameStack | None:
-    return max((stack for of, stack in stacks if of == kind), key=lambda stack: stack.count, default=None)

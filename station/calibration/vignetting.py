@@ -70,7 +70,7 @@ def flats_of(frames: Iterable[RawFrame], progress: Progress = silent) -> Flats:
             )
         flats.append((path.name, frame.planes))
         inputs.append((path, frame.sha256))
-        progress(path.name)
+        progress(f"read {path.name}")
     return Flats(tuple(inputs), estimate_vignetting(flats))
 
 

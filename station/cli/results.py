@@ -90,6 +90,7 @@ def _plane_lines(one: PlaneExplanation) -> list[str]:
 
     lines = [f"{one.plane}: {one.verdict}" + (f", because {one.reason}" if one.reason else "")]
     lines += [f"  what helps: {one.remedy}"] if one.remedy else []
+    lines += [f"  against the specification: {words}" for words in one.against]
     name = label(one.number)[:1].upper() + label(one.number)[1:] if one.number else ""
     if one.terms:
         first, *others = [part for part in one.terms[:MOST_TERMS] if part.share >= LEAST_SHARE]

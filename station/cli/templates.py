@@ -36,7 +36,7 @@ def init(folder: Path, key: Path | None) -> None:
         return
     existing = [name for name in EXAMPLES if (folder / name).exists()]
     if existing:
-        raise BadParameter(f"{folder} has {' and '.join(existing)} already", "name another folder, or move them away")
+        raise BadParameter(f"{folder} has {', '.join(existing)} already", "name another folder, or move them away")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

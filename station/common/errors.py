@@ -121,7 +121,8 @@ def log(
         text: dict[str, Any] = {"message": sentence, **({"remedy": remedy} if remedy else {})}
         if other_causes:
             text["other_causes"] = [{"reason": cause.reason, "remedy": cause.remedy} for cause in other_causes]
-        click.echo(json.dumps({**entry, **text, **_finite(facts)}, allow_nan=False), err=True)
+        finite = {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in facts.items()}
+        click.echo(json.dumps({**entry, **text, **finite}, allow_nan=False), err=True)
         return
     shown = printable(sentence)  # a file name in it may hold control characters
     click.echo(shown if level == "info" else f"{level}: {shown}", err=True)
@@ -131,7 +132,3 @@ def log(
         click.echo("  other possible causes:", err=True)
     for cause in other_causes:
         click.echo(f"  - {printable(cause.reason)}; {printable(cause.remedy)}", err=True)
-
-
-def _finite(facts: dict[str, Fact]) -> dict[str, Fact]:
-    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in facts.items()}

@@ -44,6 +44,8 @@ def stated(value: float, uncertainty: float) -> str:
     if not math.isfinite(uncertainty) or uncertainty <= 0:
         return f"{value:.4g}".replace("-", "−")
     decimals = max(0, 1 - math.floor(math.log10(uncertainty)))
+    if decimals > 12:  # a power of ten is shorter
+        return f"{value:.4g} ± {uncertainty:.1e}".replace("-", "−")
     return f"{value:z.{decimals}f} ± {uncertainty:.{decimals}f}".replace("-", "−")
 
 

@@ -142,7 +142,8 @@ def edge_picture(plane: Plane, edges: Sequence[EdgeOutcome], unit: str = "cycles
     with matplotlib.rc_context(STYLE):
         for row, (edge, verdict) in zip(axes, shown, strict=True):
             _region(row[0], plane.samples, edge, str(verdict))
-            _spread(row[1], edge)
+            row[1].plot(edge.distances, edge.esf, ".", ms=2, color=INK)
+            row[1].set(xlabel="pixels from the edge", title="edge spread function")
             _transfer(row[2], edge, unit, factor)
         data = io.BytesIO()
         figure.savefig(data, format="png", dpi=100, metadata={"Software": None})
@@ -158,11 +159,6 @@ def _region(axes: Any, samples: npt.NDArray[np.float32], edge: EdgeMtf, verdict:
     axes.plot(x, y, color=MARK, lw=0.8)
     axes.set_title(f"{edge.orientation}, {edge.numbers['angle'].value:.2f} degrees: {verdict}")
     axes.locator_params(nbins=4)
-
-
-def _spread(axes: Any, edge: EdgeMtf) -> None:
-    axes.plot(edge.distances, edge.esf, ".", ms=2, color=INK)
-    axes.set(xlabel="pixels from the edge", title="edge spread function")
 
 
 def _transfer(axes: Any, edge: EdgeMtf, unit: str, factor: float) -> None:

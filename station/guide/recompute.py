@@ -14,7 +14,7 @@ from procedures.outcome import BadInput, BadParameter
 from station.common.durable_files import holds, sha256_of, temporary_folder
 from station.guide.catalogue import plan_named
 from station.guide.session_result import compute
-from station.results.reader import Change, changes, read_result
+from station.results.reader import changes, read_result
 from station.results.result_files import RECORD, is_sealed
 from station.sessions.journal import KERNELS, machine
 from station.sessions.reader import read_session, verify
@@ -38,6 +38,7 @@ class RecomputedResult:
 
     result : folder of the result, relative to the session
     same, different, missing, added : names of files, by comparison with the hashes in the journal
+    altered : files that are no longer as the journal has them
     keys : entries in which the records differ
     kernels : processor family whose linear algebra kernels reproduced the files, where those of this processor did not
     machine : differences of the computing environment: (what, then, now)
@@ -52,6 +53,7 @@ class RecomputedResult:
     different: tuple[str, ...]
     missing: tuple[str, ...]
     added: tuple[str, ...]
+    altered: tuple[str, ...] = ()
     keys: tuple[str, ...] = ()
     machine: tuple[tuple[str, str, str], ...] = ()
     kernels: str = ""
@@ -63,7 +65,7 @@ class RecomputedResult:
     @property
     def identical(self) -> bool:
         """Whether every file is bitwise the same."""
-        return not (self.different or self.missing or self.added)
+        return not (self.different or self.missing or self.added or self.altered)
 
 
 def recompute(folder: Path, numbers: tuple[int, ...] = ()) -> Iterator[RecomputedResult]:
@@ -124,18 +126,16 @@ def _recomputed(folder: Path, result: DerivedResult, state: SessionState) -> Rec
         keys = _differing(folder / result.folder / RECORD, fresh / RECORD)
         shared, moved, verdicts = _planes_compared(folder / result.folder, fresh)
     environment = result.about.get("machine", {})
-    same = [
-        name
-        for name, digest in hashes.items()
-        if result.files.get(name) == digest and holds(folder / result.folder / name, digest)
-    ]
+    altered = [name for name, digest in result.files.items() if not holds(folder / result.folder / name, digest)]
+    same = [name for name, digest in hashes.items() if result.files.get(name) == digest]
     before, now = _flat(environment), _flat(machine())
     return RecomputedResult(
         result.folder,
-        tuple(sorted(same)),
+        tuple(sorted(name for name in same if name not in altered)),
         tuple(sorted(name for name in hashes if name in result.files and name not in same)),
         tuple(sorted(name for name in result.files if name not in hashes)),
         tuple(sorted(name for name in hashes if name not in result.files)),
+        tuple(sorted(altered)),
         keys,
         tuple((k, str(before.get(k)), str(now.get(k))) for k in sorted(before) if before[k] != now.get(k)),
         version=str(environment.get("software", {}).get("version") or ""),
@@ -152,17 +152,17 @@ def _planes_compared(old: Path, new: Path) -> tuple[int, tuple[MovedNumber, ...]
     except BadInput:  # the hashes report what is wrong with the older result
         return 0, (), ()
     both = [(before[name], now[name]) for name in before if name in now]
-    shared = [(one.name, change) for one, other in both for change in changes(one, other)]
-    moved = [_moved(plane, change) for plane, change in shared if change.one.value != change.other.value]
+    shared = [
+        (one.name, change.name, change.one, change.other) for one, other in both for change in changes(one, other)
+    ]
+    moved = [  # both are of the same photographs, so that the change is relative to a single uncertainty
+        MovedNumber(plane, name, then.value, now.value,
+                    (now.value - then.value) / then.uncertainty if then.uncertainty > 0 else math.inf)
+        for plane, name, then, now in shared if then.value != now.value
+    ]  # fmt: skip
     moved.sort(key=lambda one: -abs(one.sigmas))
     verdicts = tuple((a.name, str(a.verdict), str(b.verdict)) for a, b in both if a.verdict is not b.verdict)
     return len(shared), tuple(moved), verdicts
-
-
-def _moved(plane: str, change: Change) -> MovedNumber:
-    """A changed number; both come from the same photographs, so the change is relative to a single uncertainty."""
-    then, now, spread = change.one.value, change.other.value, change.one.uncertainty
-    return MovedNumber(plane, change.name, then, now, (now - then) / spread if spread > 0 else math.inf)
 
 
 def _differing(old: Path, new: Path) -> tuple[str, ...]:

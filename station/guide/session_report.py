@@ -35,7 +35,7 @@ from station.sessions.reader import SessionRecord, read_session, verify, verify_
 from station.sessions.state import SessionShot, SessionState, replay, terms_of_session
 
 PAGE = "report.html"
-COMMANDS = {"restoration": "restore", "camera": "field"}
+COMMANDS = {"restoration": "restore", "camera": "field", "aperture-series": "pattern", "focus-series": "pattern"}
 """Procedures of plans with other names."""
 FIELD = "field.h5"
 REPORTED = "reported"

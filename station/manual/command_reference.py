@@ -36,11 +36,8 @@ def attributes(kind: type) -> list[tuple[list[str], str]]:
             entries.append((entry["names"].split(", "), [] if TYPE.fullmatch(entry["text"]) else [entry["text"]]))
         elif entries and line.strip():
             entries[-1][1].append(line.strip())
-    return [(names, _definition(" ".join(parts))) for names, parts in entries]
-
-
-def _definition(text: str) -> str:
-    return f"{text[:1].upper()}{text[1:].removesuffix('.')}."
+    texts = [(names, " ".join(parts)) for names, parts in entries]
+    return [(names, f"{text[:1].upper()}{text[1:].removesuffix('.')}.") for names, text in texts]
 
 
 SHOWN = re.compile(r"^(!\[[^\]]*\]\(picture:[^)]*\))\n+`(station [^`]*)`", re.MULTILINE)

@@ -127,7 +127,10 @@ def find_page(pages: Sequence[Page], topic: str) -> Page:
             return page
     names = [page.name for page in pages]
     near = difflib.get_close_matches(topic.lower(), names, n=3, cutoff=0.4)
-    raise BadParameter(f"the manual has no page {topic!r}", f"read {', '.join(near or names)}")
+    raise BadParameter(
+        f"the manual has no page {topic!r}",
+        f"read {', '.join(near or names)}, or search all pages: station manual search",
+    )
 
 
 def index_text(pages: Sequence[Page]) -> str:

@@ -334,7 +334,7 @@ class PhotographProcedure(Procedure[S]):
         frames = []
         for path in paths:
             frames.append(reading.read(path))
-            progress(path.name)
+            progress(f"read {path.name}")
         outcomes = self.run(frames, settings)
         planes = tuple(plane_result(name, outcome) for name, outcome in outcomes.items())
         head = RecordHead(self.name, files_read(frames), to_record(settings))

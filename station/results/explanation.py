@@ -100,7 +100,7 @@ class BudgetShare:
 
 @dataclass(frozen=True)
 class PlaneExplanation:
-    """A plane: cause, headline `number` in words, "" without one, and its budget, the largest term first."""
+    """A plane: cause, limits not met, headline `number` in words, "" without one, its budget, largest term first."""
 
     plane: str
     verdict: str
@@ -110,6 +110,7 @@ class PlaneExplanation:
     value: str = ""
     uncertainty: float = 0.0
     terms: Sequence[BudgetShare] = field(default_factory=tuple)
+    against: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -154,15 +155,17 @@ def explain_result(measurement: Measurement) -> list[PlaneExplanation]:
 
 
 def _explain_plane(plane: PlaneResult) -> PlaneExplanation:
-    plain = PlaneExplanation(plane.name, str(plane.verdict), plane.reason, plane.remedy)
+    against = plane.specification.against if plane.specification else ()
+    plain = PlaneExplanation(plane.name, str(plane.verdict), plane.reason, plane.remedy, against=against)
     known = [name for name in in_group(Group.LINE) if name in {**plane.numbers, **plane.values}]
     name = next((name for name in known if _budget(plane, name)), next(iter(known), ""))
     number, budget = plane.numbers.get(name), _budget(plane, name)
     if plane.verdict is Verdict.REFUSED or not name:
         return plain
     total = sum(part**2 for part in budget.values())
+    saved = {term: 0.75 if term in HALVED else 1.0 for term in budget}  # of a term's variance, at best
     shares = [
-        BudgetShare(term, part**2 / total, REMEDIES.get(term, ""), math.sqrt(total - _saved(term) * part**2))
+        BudgetShare(term, part**2 / total, REMEDIES.get(term, ""), math.sqrt(total - saved[term] * part**2))
         for term, part in sorted(budget.items(), key=lambda item: -item[1])
         if part > 0
     ]
@@ -172,11 +175,6 @@ def _explain_plane(plane: PlaneResult) -> PlaneExplanation:
         )
     value = f"{stated(number.value, number.uncertainty)} {number.unit}".removesuffix(" 1")
     return replace(plain, number=name, value=value, uncertainty=number.uncertainty, terms=tuple(shares))
-
-
-def _saved(term: str) -> float:
-    """Part of a term's variance that its remedy saves at best."""
-    return 0.75 if term in HALVED else 1.0
 
 
 def _budget(plane: PlaneResult, name: str) -> Mapping[str, float]:

@@ -24,7 +24,7 @@ from station.results.record_head import InputFile, RecordHead, read_other_causes
 from station.results.result_files import RECORD, SEAL, plain
 from station.results.units import Unit, unit_in
 
-_AGAIN = "recompute the session"
+_AGAIN = "compute the result again, or name another"
 MAX_BYTES = 400_000_000
 MAX_PLANE_NAME = 8
 """Longer names are of no plane; they would also be file names."""
@@ -112,7 +112,8 @@ def _plane(folder: Path, name: str, entry: Mapping[str, Any]) -> PlaneResult:
     samples = folder / f"psf_{name}.npy"
     return PlaneResult(
         name, verdict, str(entry.get("reason", "")), str(entry.get("remedy", "")), numbers, curves,
-        _samples(samples) if verdict is not Verdict.REFUSED and samples.is_file() else None,
+        checked_array(parse_npy(_own(samples), str(samples), _AGAIN), f"the PSF {samples}", ("k", "k"), remedy=_AGAIN)
+        if verdict is not Verdict.REFUSED and samples.is_file() else None,
         values=values, unit=unit, pitch=0, specification=Comparison.from_record(entry.get("specification")),
         unavailable=tuple(map(str, _list(entry.get("untold")))), details=rest, other_causes=read_other_causes(entry),
     )  # fmt: skip
@@ -130,17 +131,13 @@ def _number(value: object) -> float:
     return float(value) if isinstance(value, int | float) else math.nan
 
 
-def _samples(path: Path) -> Array:
-    return checked_array(parse_npy(_own(path), str(path), _AGAIN), f"the PSF {path}", ("k", "k"), remedy=_AGAIN)
-
-
 def _own(path: Path) -> bytes:
     try:
         if path.lstat().st_size > MAX_BYTES:
             raise BadInput(f"{path} is larger than {MAX_BYTES} bytes", _AGAIN)
         return read_own(path)
     except OSError as error:
-        raise BadInput(f"{path} cannot be read: {error}", _AGAIN) from error
+        raise BadInput(f"{path} cannot be read: {error.strerror}", _AGAIN) from error
 
 
 def _curves(path: Path) -> tuple[Unit, dict[str, Array]]:

@@ -168,11 +168,6 @@ def _forgot(state: SessionState, line: JournalLine) -> SessionState:
     return replace(state, facts={name: fact for name, fact in state.facts.items() if name not in gone})
 
 
-def _step_ended(state: SessionState, line: JournalLine) -> SessionState:
-    name = str(line.data["step"])
-    return replace(state, step="", done=(*(step for step in state.done if step != name), name))
-
-
 def _reopened(state: SessionState, line: JournalLine) -> SessionState:
     """Schedule the steps from this one on again: their shots stay, but no longer count."""
     name = str(line.data["step"])
@@ -209,10 +204,6 @@ def _derived(state: SessionState, line: JournalLine) -> SessionState:
     return replace(state, results=(*state.results, result), standing=result)
 
 
-def _found(state: SessionState, line: JournalLine) -> SessionState:
-    return replace(state, strangers={**state.strangers, str(line.data["path"]): str(line.data["sha256"])})
-
-
 def _given(state: SessionState, line: JournalLine) -> SessionState:
     files = {str(path): str(digest) for path, digest in line.data["files"].items()}
     if not all(map(is_given, files)):
@@ -226,7 +217,9 @@ CHANGES: Mapping[str, Callable[[SessionState, JournalLine], SessionState]] = {
     "learned": lambda state, line: replace(state, facts={**state.facts, **line.data["facts"]}),
     "forgot": _forgot,
     "step_began": lambda state, line: replace(state, step=str(line.data["step"]), ended=None),
-    "step_ended": _step_ended,
+    "step_ended": lambda state, line: replace(
+        state, step="", done=(*(step for step in state.done if step != line.data["step"]), str(line.data["step"]))
+    ),
     "reopened": _reopened,
     "exposing": lambda state, line: replace(state, awaited=Awaited(str(line.data["step"]), str(line.data["purpose"]))),
     "gave_up": lambda state, line: replace(state, awaited=None, adopting=None),
@@ -237,7 +230,9 @@ CHANGES: Mapping[str, Callable[[SessionState, JournalLine], SessionState]] = {
     ),
     "lost": lambda state, line: _with_shot(state, line, counts=False, reason=LOST, lost=True),
     "derived": _derived,
-    "found": _found,
+    "found": lambda state, line: replace(
+        state, strangers={**state.strangers, str(line.data["path"]): str(line.data["sha256"])}
+    ),
     "given": _given,
     "ended": lambda state, line: replace(state, ended=str(line.data["how"])),
 }

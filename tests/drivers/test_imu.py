@@ -11,6 +11,9 @@ from drivers.protocols.imu import FastParser, WitParser
 @pytest.fixture
 def wit(wired):
     imu = wired(WitImu, WitParser, "imu")
+    for _ in range(2):  # its version needs no stream: the second time it is silent
+        assert imu.connect().firmware == "4405"
+        imu.close()
     imu.connect()
     return imu
 

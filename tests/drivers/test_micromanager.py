@@ -173,15 +173,13 @@ def test_after_a_stop_no_further_device_is_sent_or_homed(homed, truth, monkeypat
     assert not homed.condition().usable
 
 
-def refuse(*_):
-    raise Rejected("it does not take the order", "look at it")
-
-
 def test_a_device_that_refuses_its_order_stops_those_that_are_on_their_way(homed, truth, slow, monkeypatch):
     send = homed._send
 
     def one_refuses(label, *order):
-        (send if label == "Table" else refuse)(label, *order)
+        if label != "Table":
+            raise Rejected("it does not take the order", "look at it")
+        send(label, *order)
 
     monkeypatch.setattr(homed, "_send", one_refuses)
     with pytest.raises(Rejected):

@@ -38,10 +38,6 @@ def bench(request, tmp_path):
         yield bench
 
 
-def sent(bench):
-    return [entry.data for entry in bench.transcripts["stage"].last() if entry.way in ">!"]
-
-
 def test_an_axis_that_counts_the_other_way_moves_within_its_own_travel(tmp_path):
     with stage_of("gcs", tmp_path, scale=-1.0, zero=60.0) as bench:
         bench.stage.connect()
@@ -83,7 +79,8 @@ def test_a_stage_that_was_switched_off_is_not_trusted(bench):
 def test_an_emergency_stop_goes_out_ahead_of_a_request_that_is_not_answered(bench):
     bench.cable.faults = Faults(silent=((0.0, 1e9),))
     bench.stage.emergency_stop()
-    assert sent(bench)[-1] == bench.stage.stop_bytes
+    *_, last = (entry.data for entry in bench.transcripts["stage"].last() if entry.way in ">!")
+    assert last == bench.stage.stop_bytes
     with pytest.raises(EmergencyStopped):
         bench.stage.move_to(x_mm=1.0)
 

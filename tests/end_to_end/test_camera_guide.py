@@ -56,14 +56,6 @@ def as_left(bench) -> dict:
     return facts | {f"at_{name}": place for name, place in places.items()}
 
 
-def is_print(event) -> bool:
-    return isinstance(event, StepBegan) and event.step.name == BEFORE[0]
-
-
-def is_fourth_place(event) -> bool:
-    return isinstance(event, ProgressEvent) and event.say == "place 4 of 6"
-
-
 def counted(monkeypatch) -> SimpleNamespace:
     """Of all PSFs estimated from now on: sensor, calling module, and results by samples."""
     collected = SimpleNamespace(sensors=[], answers={})
@@ -90,7 +82,12 @@ def done(tmp_path_factory, monkeypatch_module):
     whole, folder = plan(estimate, LEVELS, PICTURES), None
     collected = SimpleNamespace(heard=[], asked=[], ends=[], shots=[], taken=(), minutes=0.0)
     estimates = counted(monkeypatch_module)
-    for part, stops in enumerate((is_print, is_fourth_place, lambda event: False)):
+    at_print_place_and_end = (
+        lambda event: isinstance(event, StepBegan) and event.step.name == BEFORE[0],
+        lambda event: isinstance(event, ProgressEvent) and event.say == "place 4 of 6",
+        lambda event: False,
+    )
+    for part, stops in enumerate(at_print_place_and_end):
         incoming = Path(root, f"incoming-{part}")
         incoming.mkdir()
         bench = simulated_bench(incoming, seed=3, virtual_time=True)

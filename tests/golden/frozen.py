@@ -39,7 +39,10 @@ def frozen_file(path: Path, folder: Path) -> Any:
     if path.suffix == ".csv":
         head, *rows = csv.reader(path.read_text(encoding="utf-8").splitlines())
         columns = {name: [_value(row[i]) for row in rows] for i, name in enumerate(head)}
-        numeric = {one: column for one, column in columns.items() if column and all(map(_is_number, column))}
+        numeric = {
+            one: column for one, column in columns.items()
+            if column and all(isinstance(value, float) and math.isfinite(value) for value in column)
+        }  # fmt: skip
         middle = [column[len(rows) // 2] for column in columns.values() if rows]
         return {"columns": head, "rows": len(rows), "middle": _frozen(middle, str(folder)),
                 "sums": {one: _sums(np.array(column)) for one, column in numeric.items()}}  # fmt: skip
@@ -52,10 +55,6 @@ def _value(cell: str) -> float | str:
         return float(f"{float(cell):.6g}")
     except ValueError:
         return cell
-
-
-def _is_number(value: float | str) -> bool:
-    return isinstance(value, float) and math.isfinite(value)
 
 
 def without_hashes(text: str) -> str:

@@ -86,6 +86,21 @@ def test_readme_and_manual_show_the_same_lines_and_a_refused_outcome_says_why():
         outcome.result()
 
 
+@pytest.mark.parametrize(
+    ("make", "reason"),
+    [
+        (lambda: procedures.Chart.from_seed("7"), "a seed is a whole number, 0 or more; got '7'"),  # type: ignore[arg-type]
+        (lambda: procedures.PatternParameters(s=2.5), "s and k must be whole numbers"),  # type: ignore[arg-type]
+        (lambda: procedures.PatternParameters(at=(float("nan"),)), "frequencies must be finite"),
+        (lambda: procedures.Psf(np.full((5, 5), np.nan), 4, np.eye(25)), "a PSF has finite samples"),
+        (lambda: procedures.Psf(np.ones((4, 4)), 4, np.eye(16)), "a PSF is an odd square of samples"),
+    ],
+)
+def test_arguments_that_cannot_be_meant_are_refused_with_a_remedy(make, reason):
+    with pytest.raises(procedures.BadParameter, match=reason):
+        make()
+
+
 def site_of_wheel(folder: Path) -> Path:
     """A folder with the project as a wheel of it would be installed."""
     built = subprocess.run(

@@ -1,11 +1,11 @@
 """Requirements of a restoration on photographs and blur."""
 
 from collections.abc import Sequence
-from itertools import combinations
+from itertools import combinations, product
 
 import cv2
 import numpy as np
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import convolve1d, gaussian_filter
 
 from procedures.outcome import BadInput, BadParameter, Refused, checked_type
 from procedures.raw import Plane
@@ -16,6 +16,8 @@ from procedures.restoration.masks.mask_fields import Masks, alike
 SATURATED = 0.99
 """Fraction of white above which a sample counts as saturated, noise included."""
 MOST_SATURATED = 0.2
+DEFECT = 8.0
+"""Standard deviations of the finest noise above which a single pixel is no noise."""
 LARGEST_W = 40.0
 """Half-width in pixels; memory for masks grows as its third power."""
 
@@ -28,8 +30,8 @@ def as_channels(photographs: Sequence[object]) -> list[Array]:
 
 
 def check_photographs(photographs: list[Array]) -> Array:
-    """The photographs as one array. Raises BadInput for fewer than two, other sizes, two identical, or non-finite
-    numbers."""
+    """The photographs as one array, without hot and dead pixels. Raises BadInput for fewer than two, other sizes, two
+    identical, or non-finite numbers."""
     if len(photographs) < 2:
         raise BadInput(f"restoration needs two photographs or more, got {len(photographs)}", "take another photograph")
     for n, one in enumerate(photographs, 1):
@@ -43,7 +45,20 @@ def check_photographs(photographs: list[Array]) -> Array:
             raise BadInput(
                 f"photographs {a + 1} and {b + 1} are identical", "give two exposures with different motion or aperture"
             )
-    return np.stack(photographs)
+    return without_defects(np.stack(photographs))
+
+
+def without_defects(z: Array) -> Array:
+    """Photographs (P, C, H, W), single pixels that no blurred detail explains replaced by their neighbours' prediction.
+
+    Second differences along both axes annihilate what varies linearly along one; a single pixel leaves a known pattern.
+    """
+    step, around = np.array([0.5, -1.0, 0.5]), ((0, 0), (0, 0), (2, 2), (2, 2))
+    e = convolve1d(convolve1d(np.pad(z, around, mode="reflect"), step, axis=-1), step, axis=-2)
+    defective = np.abs(e) > DEFECT * 1.4826 * np.median(np.abs(e), axis=(-2, -1), keepdims=True)
+    for y, x in product((-1, 0, 1), repeat=2):
+        defective &= np.abs(np.roll(e, (y, x), axis=(-2, -1)) - step[y + 1] * step[x + 1] * e) <= np.abs(e) / 4
+    return z - np.where(defective, e, 0.0)[..., 2:-2, 2:-2]
 
 
 def check_blurs(stacks: Sequence[Masks], shape: tuple[int, int]) -> None:

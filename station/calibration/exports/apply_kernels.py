@@ -76,6 +76,8 @@ def main(arguments: list[str]) -> None:
     files = [argument for argument in arguments if argument != "--srgb"]
     if len(files) != 2:
         sys.exit(f"{__doc__}\nThe filters are of {SOURCE}.")
+    if other := [file for file in files if not file.endswith((".npy", ".ppm", ".pgm"))]:
+        sys.exit(f"files must be .npy, .ppm or .pgm; got {', '.join(other)}")
     stored = np.load(io.BytesIO(base64.b64decode(FILTERS)), allow_pickle=False)
     picture, white = read(files[0])
     expected = (*stored["shape"].tolist(), stored["kernels"].shape[2])

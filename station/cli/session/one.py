@@ -58,6 +58,8 @@ def session_show(name: str, root: Path, check: bool, strict: bool, as_json: bool
 
 
 def _words(record: SessionRecord) -> str:
+    from station.common.models import listed
+
     state = record.state
     about = [
         ("session", record.folder.name),
@@ -70,7 +72,8 @@ def _words(record: SessionRecord) -> str:
     ]
     parts = [columns(about)]
     if state.facts:
-        parts.append(columns([("fact", "value"), *((name, _value(fact)) for name, fact in state.facts.items())]))
+        facts = ((name, f"{fact:g}" if isinstance(fact, float) else str(fact)) for name, fact in state.facts.items())
+        parts.append(columns([("fact", "value"), *facts]))
     if state.shots:
         counts = {True: "yes", False: "no", None: "not judged"}
         shots = (
@@ -79,17 +82,14 @@ def _words(record: SessionRecord) -> str:
         parts.append(columns([SHOT_HEADING, *shots]))
     if state.results:
         rows = [
-            (one.folder, one.step, " ".join(map(str, one.shots)), one.verdict, one.at[:16]) for one in state.results
+            (one.folder, one.step, listed([str(shot) for shot in one.shots]), one.verdict, one.at[:16])
+            for one in state.results
         ]
         parts.append(columns([("result", "step", "from shots", "verdict", "at"), *rows]))
     return "\n\n".join(parts)
 
 
 SHOT_HEADING = ("shot", "file", "step", "purpose", "counts", "why not")
-
-
-def _value(fact: object) -> str:
-    return f"{fact:g}" if isinstance(fact, float) else str(fact)
 
 
 @command("resume", strict=True)
@@ -158,7 +158,8 @@ def session_recompute(name: str, root: Path, numbers: tuple[int, ...], strict: b
         check_strict([verdicts[one.result] for one in results], strict=strict)
 
 
-SAME_MACHINE = "versions and processor are the same: the program itself has changed since, or the result was altered"
+SAME_MACHINE = "versions and processor are the same: the program itself has changed since"
+ALTERED = "bring these files back from a copy"
 AGREE = 0.01
 """Negligible change, as a fraction of the uncertainty."""
 HASHES = "files."
@@ -169,7 +170,7 @@ def _report_recomputed(one: RecomputedResult) -> None:
         how = f", computed with the kernels of {one.kernels}, as then" if one.kernels else ""
         log("recomputed", f"{one.result}: identical, {len(one.same)} files{how}", result=one.result, identical=1)
         return
-    files = {"differ": one.different, "missing now": one.missing, "new": one.added}
+    files = {"missing or altered": one.altered, "differ": one.different, "missing now": one.missing, "new": one.added}
     from station.common.models import listed
 
     words = [f"plane {plane} was {then}, is {now}" for plane, then, now in one.verdicts]
@@ -178,8 +179,12 @@ def _report_recomputed(one: RecomputedResult) -> None:
     if keys := [key for key in one.keys if not key.startswith(HASHES)]:
         words.append(f"in the record: {listed(keys)}")
     changed = [f"{what} was {then}, is {now}" for what, then, now in one.machine] or [SAME_MACHINE]
-    remedy = "; ".join(
-        [f"computed by {f'version {one.version}' if one.version else 'a version that was not installed'}", *changed]
+    remedy = (
+        "; ".join(
+            [f"computed by {f'version {one.version}' if one.version else 'a version that was not installed'}", *changed]
+        )
+        if one.different or one.missing or one.added
+        else ALTERED
     )
     log("recomputed", f"{one.result}: {'; '.join(words)}", level="error", remedy=remedy, result=one.result, identical=0)
 

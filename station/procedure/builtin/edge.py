@@ -92,7 +92,7 @@ class SlantedEdge(Procedure[EdgeSettings]):
         roi = None if region is None else Roi(*region)
         limit, pixels = settings.limit(frame.exposure), settings.pixels(frame)
         edges = PhotographEdges(frame, tuple(measure_edges(frame, roi, limit, terms, pixels)))
-        progress(paths[0].name)
+        progress(f"read {paths[0]}")
         given = {"roi": region, **settings.given()}
         return edge_measurement(edges, RecordHead(self.name, files_read([frame]), given), terms)
 

@@ -10,7 +10,7 @@ from procedures.pattern_psf.stability import HALF, THRESHOLDS, Stability, stabil
 from station.common.durable_files import sha256_of
 from station.common.progress import Progress, silent
 from station.procedure.base import Inputs, Procedure, Settings, plane_result, setting, to_record
-from station.results.exports import csv_bytes
+from station.results.exports import csv_columns
 from station.results.measurement import Measurement
 from station.results.reader import read_result
 from station.results.record_head import InputFile, RecordHead
@@ -67,7 +67,10 @@ class StabilityOfPsf(Procedure[StabilitySettings]):
             raise BadInput("the results must have a plane in common", AGAIN)
         estimates = {name: stability_of([one[name] for one in by_plane], settings.limit) for name in names}
         planes = tuple(plane_result(name, Outcome(estimate)) for name, estimate in estimates.items())
-        files = {f"stability_{name}.csv": _table(estimate) for name, estimate in estimates.items()}
+        files = {
+            f"stability_{name}.csv": csv_columns({"least_mtf": THRESHOLDS, "sensitivity": one.sensitivity}, 6)
+            for name, one in estimates.items()
+        }
         inputs = tuple(InputFile(str(path), sha256_of(path / RECORD if path.is_dir() else path)) for path in paths)
         head = RecordHead(self.name, inputs, to_record(settings))
         return Measurement(self.schema, head, planes, files=files).compared(terms)
@@ -94,8 +97,3 @@ class StabilityOfPsf(Procedure[StabilitySettings]):
                      xlabel="cycles/pixel", ylabel="MTF"),
         ]  # fmt: skip
         return report_page(self.report(measurement), summary=[Figures(figures)]).encode()
-
-
-def _table(stability: Stability) -> bytes:
-    rows = zip(THRESHOLDS, stability.sensitivity, strict=True)
-    return csv_bytes([["least_mtf", "sensitivity"], *([f"{value:.6g}" for value in row] for row in rows)])

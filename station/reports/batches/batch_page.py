@@ -107,7 +107,8 @@ def batch_page(report: BatchReport) -> str:
     undone = [f"{report.undone} were not begun before the batch was stopped."] if report.undone else []
     summary: list[Block] = [Table(counts, columns="ww", style="numbers verdicts", boxed=False), *undone]
     names = list(dict.fromkeys(group.number for group in report.groups))[:MAX_COLUMNS]
-    columns = [", ".join(filter(None, (label(name), _unit(report, name)))) for name in names]
+    units = {group.number: group.unit for group in reversed(report.groups) if group.unit != "1"}
+    columns = [", ".join(filter(None, (label(name), units.get(name)))) for name in names]
     head = ["files", "plane", "measurement", "specification", *columns, "why"]
     rows = [row for one in shown for row in _rows(one, names, report)]
     sections = [
@@ -156,10 +157,6 @@ def _cell(number: Quantity | None, group: NumberGroup | None) -> str:
     return html('<strong class="outlier">{}<small>outlier</small></strong>', words)
 
 
-def _unit(report: BatchReport, name: str) -> str:
-    return next((unit for group in report.groups if group.number == name and (unit := group.unit) != "1"), "")
-
-
 def _distributions(report: BatchReport) -> Section:
     by_number: dict[str, list[NumberGroup]] = {}
     for group in report.groups:
@@ -199,7 +196,8 @@ def _distribution(groups: Sequence[NumberGroup], name: str, report: BatchReport)
         if measured:
             at, _, numbers = zip(*measured, strict=True)
             x, values, own = np.array(at), [one.value for one in numbers], [one.uncertainty for one in numbers]
-            name_of_group = _short(group, several=len(cameras) > 1)
+            camera = textwrap.shorten(group.camera, MAX_NAME, placeholder="…") if len(cameras) > 1 else ""
+            name_of_group = f"{camera} {group.plane}".strip()
             points(axes, x, values, own, colour=colour, marker=marker, ls="none", label=name_of_group)
             odd = outliers(group.values, values, own)
             axes.plot(x[odd], np.array(values)[odd], "o", ms=9, mfc="none", mec=MARK, mew=1.4)
@@ -225,8 +223,3 @@ def _distribution(groups: Sequence[NumberGroup], name: str, report: BatchReport)
         f"batch-{name.replace('.', '-')}",
         caption + ("; dashed, the limits." if report.bounds.get(name) else "."),
     )
-
-
-def _short(group: NumberGroup, *, several: bool) -> str:
-    camera = textwrap.shorten(group.camera, MAX_NAME, placeholder="…") if several else ""
-    return f"{camera} {group.plane}".strip()

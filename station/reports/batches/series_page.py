@@ -29,8 +29,9 @@ def series_page(measured: Sequence[Point], best: Sequence[str]) -> str:
         _figure([one for one in measured if one.title == title], axis, f"series{i}") for i, title in enumerate(titles)
     ]
     rows = [
-        [plane_name(one.plane), one.title, *_settings(one), stated(one.value, one.uncertainty),
-         "" if one.unit == "1" else one.unit, str(one.photographs)]
+        [plane_name(one.plane), one.title,
+         *("—" if value is None else f"{value:g}" for value in vars(one.setting).values()),
+         stated(one.value, one.uncertainty), "" if one.unit == "1" else one.unit, str(one.photographs)]
         for one in measured
     ]  # fmt: skip
     head = [
@@ -52,10 +53,6 @@ def series_page(measured: Sequence[Point], best: Sequence[str]) -> str:
         Section("All points", [Table(rows, head, "wwnnnnnwn"), Note(html(FILES))]),
     ]
     return page(title, sections)
-
-
-def _settings(point: Point) -> list[str]:
-    return ["—" if value is None else f"{value:g}" for value in vars(point.setting).values()]
 
 
 def _figure(measured: Sequence[Point], axis: str, name: str) -> Figure:

@@ -1,5 +1,7 @@
 """Rings around the cores of PSFs whose OTFs are formulae."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from procedures.corruption.ring import missing_light
@@ -33,3 +35,11 @@ def test_unsharp_masks_are_told_by_either_lens_and_a_band_that_ends_is_none():
         assert missing_light(seen(lens, 0.2)) > 5
     assert missing_light(seen(SOFT, 0.1)) > 3
     assert missing_light(seen(SOFT)) < 0
+
+
+def test_a_steep_decay_outside_the_support_is_no_missing_light_unless_the_light_is_negative():
+    def cut(steep: float) -> Psf:
+        return replace(seen(SOFT), tail=PsfTail(np.array([-0.04, steep]), 1e-6 * np.eye(2), np.zeros((K * K, 2))))
+
+    assert missing_light(cut(0.06)) <= 0 < cut(0.06).share_outside
+    assert missing_light(cut(0.0)) > 5

@@ -127,5 +127,5 @@ def test_a_photograph_of_another_size_is_named(monkeypatch, tmp_path):
     )
     assert result.failed == ["b.dng"]
     assert "has not the planes and sizes of a.dng" in result.misses[0].reason
-    assert finished == list(sizes)
+    assert finished == [f"read {name}" for name in sizes]
     assert [node.source for node in result.nodes["Y"]] == ["a.dng", "c.dng"]

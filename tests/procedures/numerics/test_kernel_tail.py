@@ -84,8 +84,10 @@ def test_spectra_and_columns_are_those_of_the_tails_shapes(rng):
     rows, columns = (grid.ravel() for grid in np.mgrid[:10, :13])
     found = tail_columns(u, rows, columns, s, K)
     assert found.shape == (130, len(SHAPES))
+    size = 2 * border + 1
+    patches = np.lib.stride_tricks.sliding_window_view(u, (size, size))[::s, ::s].reshape(-1, size, size)
     for column, kernel in zip(found.T, tail_kernels(K), strict=True):
-        seen = [np.sum(kernel[::-1, ::-1] * part) for part in patches(u, s, 2 * border + 1)]
+        seen = [np.sum(kernel[::-1, ::-1] * part) for part in patches]
         # single precision
         np.testing.assert_allclose(column, seen, atol=2e-5)
     np.testing.assert_array_equal(tail_columns(u, rows, columns, s, K, 2), found[:, :2])
@@ -112,8 +114,3 @@ def test_light_from_far_is_the_sum_over_the_pixels_in_units_of_each(rng):
     for row, column in ((0, 0), (39, 59), (7, 31)):
         (pixel,) = far_light(picture, (20 + column, 30 + row), (1, 1), 2, K)[0]
         assert whole[row, column] == pytest.approx(pixel, abs=1e-8)
-
-
-def patches(u: np.ndarray, s: int, size: int) -> np.ndarray:
-    """The squares of a picture around every s-th sample that has a whole one, row by row."""
-    return np.lib.stride_tricks.sliding_window_view(u, (size, size))[::s, ::s].reshape(-1, size, size)

@@ -69,10 +69,6 @@ def picture(rng):
     return np.cumsum(np.cumsum(float32(rng, 45, 70), axis=0), axis=1) / 100
 
 
-def pixels(rng):
-    return rng.integers(0, 8, 30), rng.integers(0, 9, 30)
-
-
 def kernels():
     t = np.arange(5, dtype=np.float32) / 1.3  # no value of a derivative is zero
     g = np.exp(-(t**2) / 2) / 2.5
@@ -86,7 +82,7 @@ def spline(rng):
 
 
 def convolution(rng):
-    return (float32(rng, 30, 33), *pixels(rng))
+    return float32(rng, 30, 33), rng.integers(0, 8, 30), rng.integers(0, 9, 30)
 
 
 CASES = {

@@ -5,10 +5,6 @@ from procedures.outcome import BadInput
 from procedures.ray_histogram.film_files import read_film, write_film
 
 
-def arrays_of(film):
-    return {"image": film.mean, "hist": film.histogram, "nsamples": film.count}
-
-
 def test_a_film_is_read_back_from_its_file_or_from_raw_samples(flat_film, tmp_path, rng):
     write_film(flat_film, tmp_path / "film.npz")
     back = read_film(tmp_path / "film.npz").checked()
@@ -88,7 +84,8 @@ def test_openexr_of_another_layout_is_refused(rendered, name, says):
     ],
 )
 def test_invalid_films_are_refused_with_a_reason(flat_film, tmp_path, change, says):
-    np.savez(tmp_path / "film.npz", **(arrays_of(flat_film) | change))
+    arrays = {"image": flat_film.mean, "hist": flat_film.histogram, "nsamples": flat_film.count}
+    np.savez(tmp_path / "film.npz", **(arrays | change))
     with pytest.raises(BadInput, match=says):
         read_film(tmp_path / "film.npz").checked()
 

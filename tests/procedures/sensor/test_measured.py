@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
+from procedures.outcome import BadInput
 from procedures.sensor.defects import from_draws, root, with_share
 from procedures.sensor.estimate import ladder_checks
 from procedures.sensor.spectrograms import find_periods
@@ -34,9 +35,9 @@ def test_the_variance_of_a_level_is_that_of_noise_alone_from_pictures_enough(rng
     level = measure_level([first, rng.normal(1100, 5, (100, 100))], 1.0, 1.0)
     assert level.variance == pytest.approx(25, rel=4 * (2 / 10000) ** 0.5)
     assert level.change == pytest.approx(100, abs=0.5)
-    with pytest.raises(ValueError, match="two pictures"):
+    with pytest.raises(BadInput, match="two pictures"):
         measure_level([rng.normal(0, 1, (4, 4))], 1.0, 1.0)
-    with pytest.raises(ValueError, match="3 pictures or more; got 2"):
+    with pytest.raises(BadInput, match="3 pictures or more; got 2"):
         measure_stack(rng.normal(0, 1, (2, 4, 4)), 1.0, 1.0)
 
 

@@ -46,10 +46,6 @@ class Charts:
         return {name: rng.standard_normal((len(seen), SIZE + 2)) @ root.T for name, seen in self.planes.items()}
 
 
-def colour_at(plane: str, x: float, y: float) -> np.ndarray:
-    return {"R": 2e-3, "G1": 0.0, "B": -1e-3}[plane] * (np.array([x, y]) - np.array(SHAPE[::-1]) / 2)
-
-
 @pytest.fixture(scope="module")
 def charts() -> Charts:
     rng = np.random.default_rng(5)
@@ -65,7 +61,8 @@ def charts() -> Charts:
     for plane in ("R", "G1", "B"):
         planes[plane] = []
         for i, (x, y) in enumerate(PLACES):
-            at = np.array([x, y]) + colour_at(plane, x, y) + root[-2:] @ rng.standard_normal(40)
+            colour = {"R": 2e-3, "G1": 0.0, "B": -1e-3}[plane] * (np.array([x, y]) - np.array(SHAPE[::-1]) / 2)
+            at = np.array([x, y]) + colour + root[-2:] @ rng.standard_normal(40)
             node = Node(at, covariance[-2:, -2:], 2 * at, Psf(h, S, covariance[:-2, :-2]), f"{i}.dng", 1)
             # the stated uncertainty of the width includes more than noise
             numbers = {

@@ -1,6 +1,7 @@
 """The mailbox between a run and its operator, and jobs."""
 
 import threading
+from unittest.mock import Mock
 
 import pytest
 
@@ -79,13 +80,9 @@ def finished(job_of: object) -> Finished:
     return heard[0]
 
 
-def fails() -> None:
-    raise NoAnswer("the laser said nothing", "switch it on")
-
-
 def test_a_job_ends_in_a_value_or_a_sentence():
     assert finished(lambda: 7).value == 7
-    problem = finished(fails).problem
+    problem = finished(Mock(side_effect=NoAnswer("the laser said nothing", "switch it on"))).problem
     assert problem is not None
     assert (problem.reason, problem.remedy) == ("the laser said nothing", "switch it on")
     unforeseen = finished(lambda: {}["x"]).problem  # type: ignore[index]

@@ -259,7 +259,7 @@ def test_a_damaged_result_is_a_sentence(tmp_path, damage):
     damage(write_result(tmp_path, "a", 0.5))
 
     async def use(driver: Driver) -> None:
-        await driver.go("recompute the session", "f4")
+        await driver.go("compute the result again", "f4")
 
     drive(StationApp(FakeLab(tmp_path, nothing)), use)
 
@@ -275,14 +275,10 @@ def in_record(change):
     return damage
 
 
-def nest(folder: Path) -> None:
-    (folder / "result.json").write_text('{"planes": ' + "[" * 100_000 + "]" * 100_000 + "}")
-
-
 @pytest.mark.parametrize(
     "damage",
     [
-        nest,
+        lambda folder: (folder / "result.json").write_text('{"planes": ' + "[" * 100_000 + "]" * 100_000 + "}"),
         in_record(lambda plane: plane["mtf50_radial"].update(n=float("nan"))),
         in_record(lambda plane: plane["mtf50_radial"].update(n=float("inf"), value=10**400)),
         in_record(lambda plane: plane.update(reason=["no", "text"], verdict="doubtful")),

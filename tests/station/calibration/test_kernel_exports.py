@@ -73,13 +73,16 @@ def test_one_python_file_applies_the_filters_with_numpy_alone(tmp_path, picture,
     assert after < 0.74 * before  # the error that the filters' own equations expect, for a spectrum 1/f^2
 
 
-def test_the_python_file_refuses_a_picture_of_another_size(tmp_path, picture, tiles):
+def test_the_python_file_refuses_a_picture_of_another_size_or_form(tmp_path, picture, tiles):
     program = tmp_path / "filters.py"
     program.write_bytes(export_kernels(tiles, "python", "Bench One").data)
     np.save(tmp_path / "in.npy", picture[1:])
-    done = subprocess.run([sys.executable, "-I", program, tmp_path / "in.npy", tmp_path / "out.npy"],
-                          capture_output=True, text=True, check=False)  # fmt: skip
-    assert "a picture of (128, 160, 3) rows, columns, colours is required; got (127, 160, 3)" in done.stderr
+    for name, words in (
+        ("in.npy", "a picture of (128, 160, 3) rows, columns, colours is required; got (127, 160, 3)"),
+        ("in.png", f"files must be .npy, .ppm or .pgm; got {tmp_path / 'in.png'}"),
+    ):
+        command = [sys.executable, "-I", program, tmp_path / name, tmp_path / "out.npy"]
+        assert words in subprocess.run(command, capture_output=True, text=True, check=False).stderr
 
 
 @pytest.mark.slow

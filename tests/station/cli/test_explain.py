@@ -24,7 +24,10 @@ SLOW_FIXTURES = {"batch"}
 @pytest.fixture(scope="module")
 def result(tmp_path_factory):
     folder = tmp_path_factory.mktemp("explain")
-    run("psf", "pattern", chart_photograph(folder / "photo.dng", 1), "--out", folder / "out")
+    limits = folder / "limits.toml"
+    limits.write_text("[limits]\nmtf50_horizontal = { min = 2 }\n")
+    photograph = chart_photograph(folder / "photo.dng", 1)
+    run("psf", "pattern", photograph, "--specification", limits, "--out", folder / "out", code=1)
     return folder / "out"
 
 
@@ -77,7 +80,7 @@ def test_parts_of_the_variance_add_up_and_words_name_their_remedy(result):
     assert without == pytest.approx(removed * record["budget"][first["term"]] ** 2)
     text = run("explain", result / "result.json").stdout
     assert text.startswith("G1: pass")
-    assert "MTF50" in text
+    assert "against the specification: the limit MTF50 along rows ≥ 2 cycles/pixel is missed" in text
     assert any(one in text for one in REMEDIES.values())
     run("explain", result, "--strict", code=int(not text.startswith("G1: pass")))
 

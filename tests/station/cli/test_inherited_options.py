@@ -49,11 +49,6 @@ def words_for(option, folder):
     return [option.opts[-1], option.type.choices[-1] if isinstance(option.type, click.Choice) else "7"]
 
 
-def value_of(words, option):
-    """What the program makes of these words."""
-    return main.make_context("station", list(words), resilient_parsing=True).params[option.name]
-
-
 @pytest.fixture
 def called(monkeypatch):
     """called(command): its parameters once it is called, in place of what it does; nothing is required of it."""
@@ -76,7 +71,8 @@ def test_a_command_takes_an_option_before_it_or_refuses_it(called, tmp_path, wor
     done = run(*given, *words.split(), code=None)
     if name := taken_by(flag).get(words):
         assert done.exit_code == 0, done.stderr
-        assert received[0][name] == value_of(given, OPTIONS[flag])
+        context = main.make_context("station", list(given), resilient_parsing=True)
+        assert received[0][name] == context.params[OPTIONS[flag].name]
     else:
         assert (done.exit_code, received) == (2, [])
         assert f"{flag} does not apply to `station {words}`: " in done.stderr

@@ -67,8 +67,8 @@ def test_settings_without_a_field_are_refused_with_the_nearest_reason(library):
 
 
 def test_an_adapted_lens_is_named_by_hand(library, fields):
-    refused = profile("add", fields / "adapted.h5", code=None)
-    assert "does not record its lens, f_number" in refused.output
+    refused = profile("add", fields / "adapted.h5", code=2, says="does not record its lens, f-number")
+    assert "give --lens, --f-number" in refused.output
     profile("add", fields / "adapted.h5", "--lens", "Old 58mm", "--f-number", 2)
     kept = read_camera(library / "Bench-One_Old-58mm_f2.h5")
     assert (kept.camera, kept.lens, kept.f_number) == ("Bench One", "Old 58mm", 2.0)

@@ -55,6 +55,7 @@ def test_negligible_changes_are_reported_as_agreement(session, monkeypatch, sigm
     monkeypatch.setattr(recompute, "recompute", lambda folder, numbers: iter([result]))
     done = session("recompute", NAME)
     assert done.exit_code == 1  # its bytes differ all the same
+    assert "computed by a version that was not installed" in done.stderr
     assert ("all numbers agree within 6e-05 of their uncertainties" in done.stderr) is agree
     assert (
         f"1 of 56 numbers moved, the most mtf50_radial of G1, 0.3 then and {0.3 + sigmas * 1e-3:.6g} now" in done.stderr

@@ -36,3 +36,6 @@ def test_results_of_one_camera_give_sensitivity_and_stable_domain(results, tmp_p
 def test_a_result_without_a_psf_is_named(results, tmp_path):
     (results[1] / "psf_Y.npy").unlink()
     run("psf", "stability", *results, "--out", tmp_path / "o", code=4, says="r1 has no PSF")
+    said = run("psf", "stability", results[0], "nosuch", results[0], "--out", tmp_path / "o", code=4).stderr
+    assert "nosuch/result.json cannot be read: No such file or directory" in said
+    assert "compute the result again, or name another" in said

@@ -7,6 +7,7 @@ import math
 import os
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import cv2
 import numpy as np
@@ -96,15 +97,11 @@ def test_folder_that_was_there_stays(tmp_path):
 def test_full_disk_is_named_and_the_older_result_stays(tmp_path, monkeypatch):
     (tmp_path / "result.json").write_text(OLDER)
     with ResultFolder(tmp_path) as folder:
-        monkeypatch.setattr(Path, "write_bytes", full_disk)
+        monkeypatch.setattr(Path, "write_bytes", Mock(side_effect=OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))))
         with pytest.raises(BadParameter, match="No space left") as refusal:
             folder.write("psf_Y.npy", b"")
     assert "make room" in refusal.value.remedy
     assert [path.name for path in tmp_path.iterdir()] == ["result.json"]
-
-
-def full_disk(*_):
-    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 def test_record_is_the_last_file_to_appear(tmp_path, monkeypatch):

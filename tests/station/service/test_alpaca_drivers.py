@@ -3,6 +3,7 @@
 import socket
 import threading
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import pytest
 
@@ -158,14 +159,11 @@ def test_an_axis_that_is_not_where_it_was_sent_is_halted_before_that_is_reported
 
 
 def test_homing_that_is_not_answered_is_halted(homed, held_up, monkeypatch):
-    monkeypatch.setattr(homed, "_order", no_answer)
+    late = NoAnswer("focuser 0 did not answer in time", "look at its server")
+    monkeypatch.setattr(homed, "_order", Mock(side_effect=late))
     with pytest.raises(NoAnswer):
         homed.home()
     assert held_up.halted.is_set()
-
-
-def no_answer(*_, **__):
-    raise NoAnswer("focuser 0 did not answer in time", "look at its server")
 
 
 def test_the_stop_passes_a_request_that_is_not_answered(homed, held_up, monkeypatch):
