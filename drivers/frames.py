@@ -90,42 +90,13 @@ def check_settings(path: Path, facts: ExposureMetadata, wanted: CameraSettings) 
             )
 
 
-# --- Rule of all cameras that wait for their frames: one exposure at a time, and a stop ends it ---
-
-
-class OneFrame:
-    """Context of an exposure of the camera at `address()`; a second one is refused at once."""
-
-    def __init__(self, address: Callable[[], str]) -> None:
-        self._address = address
-        self._lock = threading.Lock()
-        self._stops = self._since = 0
-
-    def __enter__(self) -> "OneFrame":
-        if not self._lock.acquire(blocking=False):
-            raise Rejected(f"{self._address()} is already exposing", "wait for the frame")
-        self._since = self._stops
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._lock.release()
-
-    def stop(self) -> None:
-        self._stops += 1
-
-    def check(self) -> None:
-        """Raises EmergencyStopped if a stop came since the exposure began."""
-        if self._stops != self._since:
-            raise EmergencyStopped(f"emergency stop at {self._address()}", "make it safe, then expose again")
-
-
 class FrameCamera(ABC):
     """Common part of cameras that wait for their frames, without motion: settings, one exposure at a time, stops."""
 
     def __init__(self, clock: Clock | None = None, settings: CameraSettings | None = None) -> None:
         self.clock = clock or SystemClock()
         self.settings = settings or CameraSettings()
-        self._one_frame = OneFrame(lambda: self.address)
+        self._exposing, self._halted = threading.Lock(), False
 
     @property
     @abstractmethod
@@ -135,10 +106,20 @@ class FrameCamera(ABC):
     def _expose(self) -> ExposedFile: ...
 
     def expose(self) -> ExposedFile:
-        """Take one photograph: complete, decodable and hashed. Raises DeviceError."""
-        with self._one_frame:
+        """Take one photograph: complete, decodable and hashed. Raises DeviceError; a second exposure is refused."""
+        if not self._exposing.acquire(blocking=False):
+            raise Rejected(f"{self.address} is already exposing", "wait for the frame")
+        self._halted = False
+        try:
             return self._expose()
+        finally:
+            self._exposing.release()
+
+    def _check_stops(self) -> None:
+        """Raises EmergencyStopped if a stop came since the exposure began."""
+        if self._halted:
+            raise EmergencyStopped(f"emergency stop at {self.address}", "make it safe, then expose again")
 
     def emergency_stop(self) -> None:
         """Nothing moves: stop waiting for a frame."""
-        self._one_frame.stop()
+        self._halted = True

@@ -289,7 +289,7 @@ class GphotoCamera(FrameCamera):
             new = [place for place in self._do(self._list_afresh, self._longest_s()) if place not in before]
             if new:
                 return new[0]
-            self._one_frame.check()
+            self._check_stops()
             self.clock.sleep(0.2)
         return self._the_raw([])
 
@@ -327,7 +327,7 @@ class GphotoCamera(FrameCamera):
         deadline_s = self.clock.now_s() + self._longest_s()
         quiet_since_s = self.clock.now_s()
         while self.clock.now_s() < deadline_s:
-            self._one_frame.check()
+            self._check_stops()
             try:
                 kind, data = self._camera.wait_for_event(200)  # milliseconds
             except gp.GPhoto2Error as error:
@@ -345,7 +345,7 @@ class GphotoCamera(FrameCamera):
 
     def emergency_stop(self) -> None:
         """Stop waiting for a file, and open the contacts if a shutter box is used; a body's exposure ends by itself."""
-        self._one_frame.stop()
+        super().emergency_stop()
         if self._shutter is not None:
             self._shutter.emergency_stop()
 

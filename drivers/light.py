@@ -133,12 +133,10 @@ class DmxLight(Lamp[Transport[DmxFrame]]):
         return Identity("Enttec DMX USB Pro", firmware, number[::-1].hex(), self.address)
 
     def _ask(self, label: int, data: bytes = b"") -> bytes:
-        """The data of the reply, which no echo of the request passes for. Raises DeviceError."""
-
-        def answer(message: DmxFrame) -> bytes | None:
-            return message.data if message.label == label and message.data != data else None
-
-        return self._transport.request(frame(label, data), answer, REPLY_S, tries=3)
+        """The data of the reply, which is not an echo. Raises DeviceError."""
+        return self._transport.request(
+            frame(label, data), lambda one: one.data if one.label == label and one.data != data else None, REPLY_S, 3
+        )
 
     def set_level(self, level: float) -> None:
         """Set all channels, and check that the widget still answers. Raises DeviceError."""

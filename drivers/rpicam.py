@@ -162,7 +162,7 @@ class RpicamCamera(FrameCamera):
             self._process = process
             try:
                 while (code := process.poll()) is None:
-                    self._one_frame.check()
+                    self._check_stops()
                     if self.clock.now_s() > deadline_s:
                         raise FrameMissing(f"{self.address} took no photograph within {limit_s:g} s", "check its cable")
                     self.clock.sleep(POLL_S)
@@ -171,14 +171,14 @@ class RpicamCamera(FrameCamera):
                 if process.poll() is None:
                     process.kill()
                     process.wait()
-            self._one_frame.check()
+            self._check_stops()
             if code:
                 log_file.seek(0)
                 raise _failure(command[0], log_file.read().decode("utf-8", "replace"))
 
     def emergency_stop(self) -> None:
         """End the program, and with it the exposure."""
-        self._one_frame.stop()
+        super().emergency_stop()
         process = self._process
         if process is not None:
             with suppress(OSError):

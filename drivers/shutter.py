@@ -13,18 +13,10 @@ from functools import partial, reduce
 from operator import xor
 from typing import ClassVar
 
-from drivers.errors import (
-    BadConfiguration,
-    Clock,
-    DeviceError,
-    EmergencyStopped,
-    LineLost,
-    MoveFailed,
-    NoAnswer,
-    Rejected,
-)
+from drivers.errors import BadConfiguration, Clock, EmergencyStopped, LineLost, MoveFailed, NoAnswer, Rejected
 from drivers.interfaces import Identity, ShutterTimes, Transport
 from drivers.making import DriverOptions, LineOptions, MakerContext, OutputOptions
+from drivers.move_checks import left_still
 from drivers.options import SHUTTER, STRIG_BOX, Port
 from drivers.protocols.framing import LineSplitter, UnrecognisedLine
 from drivers.protocols.grbl_link import GrblLink, GrblOutput
@@ -388,14 +380,10 @@ class RelayShutter(GrblOutput, OneContact[GrblLink]):
         """Close for `pulse_s`; the times are those of the controller's responses. Raises DeviceError."""
         undisturbed = partial(self.link.trust.undisturbed, self.link.trust.epoch)
         self.link.pause(focus_s)
-        try:
+        with left_still(self.abort, self.emergency_stop, self.link.trust):
             self.link.command("M8", 2.0, undisturbed)
             closed_s = self.clock.now_s()
             self.link.command(f"G4 P{pulse_s:.3f}", pulse_s + 1.0)
-        except DeviceError:
-            with suppress(DeviceError):  # a controller that was reset refuses it; its relay is open
-                self.abort()
-            raise
         self.abort()
         return ShutterTimes(closed_s, self.clock.now_s())
 

@@ -101,7 +101,7 @@ class AlpacaCamera(LineDevice[AlpacaLink], FrameCamera):
         idle = 0
         try:
             while not self._ready():
-                self._one_frame.check()
+                self._check_stops()
                 idle = idle + 1 if self._state == IDLE else 0
                 if idle >= IDLE_POLLS:
                     raise FrameMissing(f"the exposure of {self.address} was aborted at its server", "expose again")
@@ -111,10 +111,10 @@ class AlpacaCamera(LineDevice[AlpacaLink], FrameCamera):
                 self.clock.sleep(POLL_S)
         except BaseException:
             self._link.preempt("abortexposure")
-            self._one_frame.check()
+            self._check_stops()
             raise
         levels = self._link.image(self._wanted.patience_s)
-        self._one_frame.check()
+        self._check_stops()
         return self._frames.keep(self._frame(levels, duration_s), self._body, self.settings, requested_s)
 
     def _ready(self) -> bool:
@@ -152,7 +152,7 @@ class AlpacaCamera(LineDevice[AlpacaLink], FrameCamera):
 
     def emergency_stop(self) -> None:
         """Abort the exposure without waiting for pending requests."""
-        self._one_frame.stop()
+        FrameCamera.emergency_stop(self)
         if self._link.is_claimed:
             self._link.preempt("abortexposure")
 

@@ -213,7 +213,7 @@ class GenicamCamera(FrameCamera):
         limit_s = exposure_s + self._wanted.patience_s
         deadline_s = self.clock.now_s() + limit_s
         while (buffer := self._stream.timeout_pop_buffer(int(SLICE_S * MICROSECONDS))) is None:
-            self._one_frame.check()
+            self._check_stops()
             if self._lost:
                 raise LineLost(f"{self.address} is gone", "check its power and cable, then connect it again")
             if self.clock.now_s() > deadline_s:

@@ -230,7 +230,7 @@ class MicroManagerCamera(CoreDevice, FrameCamera):
             frame = Frame(self._plane(core), self._cfa, 2 ** int(core.getImageBitDepth()) - 1, exposure_s)
         body = Body("Micro-Manager", f"{core.getDeviceLibrary(self._label)} {core.getDeviceName(self._label)}")
         saved = self._frames.keep(frame, body, self.settings, requested_s, times)
-        self._one_frame.check()
+        self._check_stops()
         return saved
 
     def _plane(self, core: Any) -> np.ndarray[Any, np.dtype[np.uint16]]:

@@ -304,7 +304,7 @@ class V4l2Camera(FrameCamera):
         limit_s = exposure_s + self._wanted.patience_s
         deadline_s = self.clock.now_s() + limit_s
         while self._file is not None and not self._kernel.ready(self._file, SLICE_S):
-            self._one_frame.check()
+            self._check_stops()
             if self.clock.now_s() > deadline_s:
                 raise FrameMissing(f"no frame came from {self.address} within {limit_s:g} s", "connect it again")
         buffer: v4l2.VideoBuffer = self._call(v4l2.DQBUF, v4l2.VideoBuffer(type=v4l2.CAPTURE, memory=v4l2.MMAP))

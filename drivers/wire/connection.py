@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Generic, Protocol, TextIO, TypeVar
+from typing import Any, Generic, TextIO, TypeVar
 
 from drivers.errors import Clock, DeviceError, LineLost, NoAnswer, SystemClock
 from drivers.interfaces import Condition, Line, Transport
@@ -34,16 +34,9 @@ def opened(transport: Transport[E], listen: Callable[[E, float], None] = lambda 
         raise
 
 
-class Closable(Protocol):
-    """A device or a line that can be closed."""
-
-    def close(self) -> None:
-        """Release the line."""
-
-
 @contextmanager
-def closed_after_errors(device: Closable) -> Iterator[None]:
-    """Close the device again if connecting it fails."""
+def closed_after_errors(device: Any) -> Iterator[None]:
+    """Close the line or device again if connecting it fails."""
     try:
         yield
     except BaseException:

@@ -14,8 +14,29 @@ POLL_S = 0.25
 HANGUP_S = 0.1
 
 
-class PtyPort:
-    """A cable on a pseudo-terminal without modem lines; `address` is what other programs open.
+class Port:
+    """A cable that other programs open at `address`, served by some threads."""
+
+    address: str
+
+    def __init__(self, cable: Cable, *works: Callable[[], None]) -> None:
+        self._cable = cable
+        self._closing = False
+        self._threads = _start(*works)
+
+    def end(self) -> None:
+        self._closing = True
+        self._cable.cancel_read()
+
+    def close(self) -> None:
+        """Wait for the threads, and release the address."""
+        self.end()
+        for thread in self._threads:
+            thread.join(timeout=2.0)
+
+
+class PtyPort(Port):
+    """A cable on a pseudo-terminal without modem lines.
 
     The cable is opened when a program opens the terminal, and closed with it, which the master sees as a hangup.
     """
@@ -23,15 +44,13 @@ class PtyPort:
     def __init__(self, cable: Cable) -> None:
         import tty  # not available on Windows
 
-        self._cable = cable
         self._master, slave = os.openpty()
         tty.setraw(slave)
         self.address = os.ttyname(slave)
         os.close(slave)
         os.set_blocking(self._master, False)
-        self._closing = False
         self._in_use = threading.Event()
-        self._threads = _start(self._from_host, self._to_host)
+        super().__init__(cable, self._from_host, self._to_host)
 
     def _from_host(self) -> None:
         poll = select.poll()
@@ -74,28 +93,19 @@ class PtyPort:
                 with contextlib.suppress(OSError):
                     os.write(self._master, self._cable.read(self, 4096, POLL_S))
 
-    def end(self) -> None:
-        self._closing = True
-        self._cable.cancel_read()
-
     def close(self) -> None:
-        """Wait for the threads and close the terminal."""
-        self.end()
-        for thread in self._threads:
-            thread.join(timeout=2.0)
+        super().close()
         os.close(self._master)
 
 
-class TcpPort:
+class TcpPort(Port):
     """A cable on a TCP port of this machine, `socket://host:port`; one client at a time, each connection opens it."""
 
     def __init__(self, cable: Cable, host: str = "127.0.0.1") -> None:
-        self._cable = cable
         self._server = socket.create_server((host, 0))
         self._server.settimeout(POLL_S)
         self.address = "socket://{}:{}".format(*self._server.getsockname()[:2])
-        self._closing = False
-        self._threads = _start(self._serve)
+        super().__init__(cable, self._serve)
 
     def _serve(self) -> None:
         while not self._closing:
@@ -132,15 +142,8 @@ class TcpPort:
             self._cable.set_lines(False, False)
             sender.join(timeout=2.0)
 
-    def end(self) -> None:
-        self._closing = True
-        self._cable.cancel_read()
-
     def close(self) -> None:
-        """Wait for the threads and close the port."""
-        self.end()
-        for thread in self._threads:
-            thread.join(timeout=2.0)
+        super().close()
         self._server.close()
 
 

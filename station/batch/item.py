@@ -165,11 +165,10 @@ def hash_of(path: Path, *, required: bool = False) -> str:
         return ""
 
 
-class ChangedMeanwhile(Exception):
-    """A file whose hash is no longer that of the item."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(f"{printable(path)} was changed while the batch read it")
+def changed_meanwhile(path: Path) -> BadInput:
+    """The error about a file whose hash is no longer that of the item."""
+    reason = f"{printable(path)} was changed while the batch read it"
+    return BadInput(reason, "wait until it is copied, and run the batch again")
 
 
 def _measure(item: Item, job: Job, files: Mapping[Path, str], row: ItemRow, place: ResultFolder) -> ItemRow:
@@ -190,7 +189,7 @@ def _measure(item: Item, job: Job, files: Mapping[Path, str], row: ItemRow, plac
         _check_unchanged({path: files[path] for path in list(files)[len(item.paths) :]})
         for one in measurement.head.input:
             if files.get(Path(one.path), one.sha256) != one.sha256:
-                raise ChangedMeanwhile(Path(one.path))
+                raise changed_meanwhile(Path(one.path))
         row = replace(_judged(row, measurement.planes), noted=noted(measurement.exposure))
         parameters = {**measurement.head.parameters, **batch.terms.parameters()}
         if job.reports and procedure.draws(measurement):
@@ -209,7 +208,7 @@ def _measure(item: Item, job: Job, files: Mapping[Path, str], row: ItemRow, plac
 def _check_unchanged(files: Mapping[Path, str]) -> None:
     for path, known in files.items():
         if hash_of(path) != known:
-            raise ChangedMeanwhile(path)
+            raise changed_meanwhile(path)
 
 
 def _refusal(procedure: Procedure[Any], error: ProcedureError) -> Measurement:
@@ -261,10 +260,6 @@ def _failure(item: Item, error: Exception) -> ItemRow:
     if isinstance(error, ProcedureError):
         verdict = UNREADABLE if isinstance(error, BadInput) else LOST if isinstance(error, Unwritable) else REFUSED
         return ItemRow(item.files, verdict, encodable(error.reason), encodable(error.remedy))
-    if isinstance(error, ChangedMeanwhile):
-        return ItemRow(
-            item.files, UNREADABLE, encodable(str(error)), "wait until it is copied, and run the batch again"
-        )
     if isinstance(error, MemoryError) or getattr(error, "code", None) == NO_MEMORY:
         return ItemRow(item.files, LOST, "it takes more memory than an item may take here", MORE_MEMORY)
     reason = f"the program failed unexpectedly: {type(error).__name__}: {printable(error)}"

@@ -47,13 +47,13 @@ def init(folder: Path, key: Path | None) -> None:
 
 
 def _write_key(path: Path) -> None:
-    from procedures.outcome import BadParameter
+    from station.common.durable_files import Unwritable
     from station.common.signature import create_key
 
     try:
         create_key(path)
     except OSError as error:
-        raise BadParameter(f"{path} cannot be written: {error.strerror}", "name a file that does not exist") from error
+        raise Unwritable(path, error) from error
     click.echo(path)
     click.echo(path.with_suffix(".pub"))
 

@@ -32,6 +32,11 @@ class WriteFailed(ProcedureError):
 
     exit_code = 75
 
+    def __init__(self, path: Path, error: OSError) -> None:
+        reason = f"{path} could not be written: {error.strerror or error}"
+        remedy = "make room or repair the disk, then resume the session; everything written before is intact"
+        super().__init__(reason, remedy)
+
 
 class Unwritable(BadParameter):
     """A place that the operator named cannot be written."""
@@ -204,7 +209,7 @@ def write_errors(path: Path, *halves: Path) -> Iterator[None]:
         yield
     except OSError as error:
         _remove(*halves)
-        raise write_failed(path, error) from error
+        raise WriteFailed(path, error) from error
     except BaseException:
         _remove(*halves)
         raise
@@ -214,14 +219,6 @@ def _remove(*paths: Path) -> None:
     for path in paths:
         with contextlib.suppress(OSError):  # the cause is reported already
             path.unlink(missing_ok=True)
-
-
-def write_failed(path: Path, error: OSError) -> WriteFailed:
-    """The error for the operator."""
-    return WriteFailed(
-        f"{path} could not be written: {error.strerror or error}",
-        "make room or repair the disk, then resume the session; everything written before is intact",
-    )
 
 
 def write_whole(path: Path, data: bytes) -> None:

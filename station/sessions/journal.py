@@ -25,7 +25,7 @@ from typing import Any
 
 from procedures.numerics.loops import COMPILER
 from procedures.outcome import ProcedureError
-from station.common.durable_files import Disk, read_own, write_failed
+from station.common.durable_files import Disk, WriteFailed, read_own
 from station.common.versions import software
 
 # ```
@@ -114,7 +114,7 @@ class HeadFile:
                 disk.write_whole(path, BLANK)
             self._descriptor = disk.open(path, os.O_RDWR)
         except OSError as error:
-            raise write_failed(path, error) from error
+            raise WriteFailed(path, error) from error
 
     def announce(self, head: Head) -> None:
         """Record that a line is about to be appended. Raises OSError."""
@@ -278,7 +278,7 @@ class Journal:
         try:
             self._descriptor = disk.open(path, os.O_RDWR | os.O_APPEND)
         except OSError as error:
-            raise write_failed(path, error) from error
+            raise WriteFailed(path, error) from error
         try:
             self._head = HeadFile(path.with_name(HEAD), disk)
         except BaseException:
@@ -303,7 +303,7 @@ class Journal:
             with contextlib.suppress(OSError):  # the next append, or opening the journal, cuts again
                 self._cut()
                 self._head.retract(head)
-            raise write_failed(self.path, error) from error
+            raise WriteFailed(self.path, error) from error
         line = _read(text)
         assert line is not None
         self._lines.append(line)

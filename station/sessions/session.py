@@ -24,6 +24,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
+from itertools import chain, count
 from pathlib import Path
 from typing import Any, Self
 
@@ -344,11 +345,9 @@ def furnish(folder: Path, config: bytes, first: JournalLine, disk: Disk) -> None
 
 def settle(raw: Path, name: str, disk: Disk) -> Path:
     """Rename the folder to its name, with a number if that is taken."""
-    for number in range(1, 10_000):
-        folder = raw.with_name(name if number == 1 else f"{name}-{number}")
-        if not folder.exists() and not folder.is_symlink():
-            with write_errors(folder):
-                disk.replace(raw, folder)
-                disk.sync_folder(folder.parent)
-            return folder
-    raise WriteFailed(f"{raw.parent} has 9999 sessions of the name {name}", "name another folder with --sessions")
+    names = chain([name], (f"{name}-{number}" for number in count(2)))
+    folder = next(path for path in map(raw.with_name, names) if not os.path.lexists(path))
+    with write_errors(folder):
+        disk.replace(raw, folder)
+        disk.sync_folder(folder.parent)
+    return folder

@@ -64,7 +64,7 @@ def test_a_speed_of_the_table_is_that_of_the_move(driver, tmp_path):
 def test_a_stage_without_speed_is_refused(tmp_path):
     with stage_of("gcs", tmp_path) as bench:
         bench.twin.motors["1"].speed = 0.0
-        with pytest.raises(Rejected, match="x_mm at .* reports a speed of 0; connect again"):
+        with pytest.raises(Rejected, match=r"x_mm at .* reports a speed of 0; connect again"):
             bench.stage.connect()
 
 

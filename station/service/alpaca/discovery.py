@@ -3,6 +3,7 @@
 import json
 import socket
 import threading
+from contextlib import suppress
 
 from station.service.hosting import bad_address
 
@@ -15,6 +16,7 @@ class Discovery:
     the port."""
 
     def __init__(self, served_port: int, host: str = "0.0.0.0", port: int = PORT) -> None:
+        self._closed = False
         self._answer = json.dumps({"AlpacaPort": served_port}).encode()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
@@ -31,19 +33,15 @@ class Discovery:
         return number
 
     def _listen(self) -> None:
-        while True:
-            try:
+        while not self._closed:
+            with suppress(OSError):  # closed, or the client is gone already
                 data, asker = self._socket.recvfrom(64)
-                if not data:
-                    return
                 if data.startswith(QUESTION):
                     self._socket.sendto(self._answer, asker)
-            except OSError:  # closed, or the client is gone already
-                if self._socket.fileno() < 0:
-                    return
 
     def close(self) -> None:
         """Stop answering."""
+        self._closed = True
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as waker:
             waker.sendto(b"", ("127.0.0.1", self.port))
         self._socket.close()

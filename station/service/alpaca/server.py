@@ -84,7 +84,7 @@ class AlpacaServer:
         device = self._devices.get((kind, int(number))) if number.isascii() and number.isdigit() else None
         if device is None:
             known = ", ".join(f"{kind}/{number}" for kind, number in self._devices) or "none"
-            return bad_request(f"there is no device {kind}/{number}; there are {known}")
+            return PlainTextResponse(f"there is no device {kind}/{number}; there are {known}", 400)
         rights, stops = request.scope[RIGHTS], not reading and is_stop(member, given)
         if rights == STOP_ONLY and not stops:
             return token_required("without it only stops are carried out")
@@ -118,7 +118,7 @@ class AlpacaServer:
             client = given.transaction()
             return make(client)
         except BadRequest as error:
-            return bad_request(str(error))
+            return PlainTextResponse(str(error), 400)
         except Exception as error:  # any error is reported to the client
             failure = as_alpaca(error)
             return self._framed(client, ErrorNumber=failure.number, ErrorMessage=failure.message)
@@ -141,11 +141,6 @@ def listed(device: AlpacaDevice) -> dict[str, Any]:
     """A device's entry in the list of devices."""
     names = {"DeviceName": device.name, "DeviceType": device.type_name or device.kind.capitalize()}
     return {**names, "DeviceNumber": device.number, "UniqueID": device.unique_id}
-
-
-def bad_request(message: str) -> Response:
-    """The answer to an invalid request."""
-    return PlainTextResponse(message, 400)
 
 
 def to_page(request: Request) -> Response:

@@ -1,42 +1,16 @@
-"""The trials of `station conform`: every stage's driver at its twin, and a hasty one that they refuse."""
+"""The trials of `station conform`: every stage's driver at its twin; those that they refuse are in test_toy_stage."""
 
 from functools import partial
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from drivers.errors import MoveFailed
 from simulators.devices.alpaca import AlpacaFocusers
-from station.bench import device_models
-from station.bench.conform import FAULTS, Broken, at_twin, conform, soak
+from station.bench.conform import FAULTS, at_twin, conform, soak
 from station.bench.twins import BUILT_IN, TWINS
 
-from . import hasty_stage
-
 DRIVERS = [*BUILT_IN, *TWINS, "alpaca_stage"]
-
-
-@pytest.fixture
-def hasty(monkeypatch, tmp_path):
-    """The hasty driver at its twin, as if it were installed."""
-    entry = SimpleNamespace(name="hasty", load=lambda: hasty_stage.HastyOptions)
-    monkeypatch.setattr(device_models, "entry_points", lambda group: [entry])
-    device_models.drivers.cache_clear()
-    with at_twin("hasty", tmp_path) as rig:
-        yield rig
-    device_models.drivers.cache_clear()
-
-
-def test_a_hasty_driver_keeps_every_promise_on_a_good_line(hasty):
-    promises = [one for one in conform(hasty, operations=5) if one.trial not in (*FAULTS, "soak")]
-    assert len(promises) == 7
-    assert all(one.kept for one in promises), promises
-
-
-def test_the_soak_refuses_a_hasty_driver(hasty):
-    with pytest.raises(Broken, match=r"operation .* of 500: .* under .*: it moves after the operation has ended"):
-        soak(hasty, np.random.default_rng(0), 500, ("none", "loss", "silence"))
 
 
 @pytest.mark.slow

@@ -203,20 +203,6 @@ def test_a_move_whose_end_cannot_be_asked_is_halted_and_the_stage_must_be_connec
         homed.move_to(z_mm=400.0)
 
 
-def test_a_stop_is_sent_again_where_it_was_not_answered(monkeypatch):
-    sent = []
-
-    def ask(self, method, member, form, timeout_s):
-        sent.append((method, member))
-        if len(sent) < 3:
-            raise ConnectionResetError
-        return 200, "", b""
-
-    monkeypatch.setattr(AlpacaLink, "_ask", ask)
-    AlpacaLink(AlpacaAddress("127.0.0.1:1"), "focuser", 0).preempt("halt")
-    assert sent == [("PUT", "halt")] * 3
-
-
 def test_what_a_server_says_no_to_is_reported(homed, served):
     with served.tenancy.held("a run"), pytest.raises(Rejected, match="in use by a run; wait until"):
         homed.move_to(z_mm=400.0)
