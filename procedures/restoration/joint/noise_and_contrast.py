@@ -125,21 +125,11 @@ SECTORS = 4
 
 @dataclass(frozen=True, eq=False)
 class TilePowers:
-    """Mean power of images in tiles (rows, columns) of a frame at `centres`, for every band and sector, (Y, X, B, A).
+    """Power of images at every frequency, (Y, X, SIZE, SIZE), of tiles of a frame (H, W) at `centres`."""
 
-    share : (B, A) number of frequencies; frame : (H, W).
-    """
-
-    mean: Array
-    share: NDArray[np.intp]
+    powers: NDArray[np.float32]
     centres: tuple[NDArray[np.intp], NDArray[np.intp]]
     frame: tuple[int, int]
-
-    def of(self, band: int, sector: int | None = None) -> Array:
-        """Mean power (Y, X) in a band, or in one of its sectors."""
-        if sector is not None:
-            return np.asarray(self.mean[:, :, band, sector])
-        return np.asarray(self.mean[:, :, band] @ self.share[band] / self.share[band].sum())
 
     def over_frame(self, values: Array) -> Array:
         """Values of the tiles (Y, X), interpolated over the frame, (H, W)."""
@@ -151,22 +141,16 @@ def tile_powers(*images: Array) -> TilePowers:
     """Sum of the powers of images (..., H, W), over overlapping tiles: a window over the whole frame would weigh its
     middle more."""
     frame = (images[0].shape[-2], images[0].shape[-1])
-    tile = (min(SIZE, frame[0]), min(SIZE, frame[1]))
-    starts = [np.linspace(0, n, 1 + -(-2 * n // side)).astype(np.intp) for n, side in zip(frame, tile, strict=True)]
-    index = rings_of(tile) * SECTORS + sectors_of(tile)
-    where, cells = index >= 0, BANDS * SECTORS
-    share = np.bincount(index[where], minlength=cells)
-    mean = np.zeros((len(starts[0]), len(starts[1]), cells))
+    starts = [np.linspace(0, n, 1 + -(-2 * n // SIZE)).astype(np.intp) for n in frame]
+    powers = np.zeros((len(starts[0]), len(starts[1]), SIZE, SIZE), np.float32)
     for image in images:
         # mirrored beyond the frame, so that all of it weighs the same
-        rim = [((n + 1) // 2, (n + 1) // 2) for n in tile]
+        rim = [(SIZE // 2, SIZE // 2)] * 2
         wide = np.pad(image.astype(np.float64), [(0, 0)] * (image.ndim - 2) + rim, mode="symmetric")
         for (i, y), (j, x) in product(*(enumerate(along) for along in starts)):
-            spectra = np.abs(_spectra(wide[..., y : y + tile[0], x : x + tile[1]])) ** 2
-            power = spectra.reshape(-1, *tile).mean(axis=0)
-            mean[i, j] += np.bincount(index[where], power[where], cells) / np.maximum(share, 1)
-    shape = (BANDS, SECTORS)
-    return TilePowers(mean.reshape(*mean.shape[:2], *shape), share.reshape(shape), (starts[0], starts[1]), frame)
+            spectra = np.abs(_spectra(wide[..., y : y + SIZE, x : x + SIZE])) ** 2
+            powers[i, j] += spectra.reshape(-1, SIZE, SIZE).mean(axis=0)
+    return TilePowers(powers, (starts[0], starts[1]), frame)
 
 
 def effective_weights(u: Array, downhill: Array) -> Array:
