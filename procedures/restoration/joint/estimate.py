@@ -196,8 +196,7 @@ def _restoration(
     downhill = data.blur_adjoint(residual)[:, R:-R, R:-R].astype(np.float64)
     weights = np.maximum(effective_weights(sharp.astype(np.float64), downhill), last.picture)
     error = picture_error(
-        masks, np.quantile(w, joint_descent.DECILES), weights, residual, sharp, noise, freedom,
-        as_restored=p.least_image_weight > 0,
+        masks, w, weights, residual, sharp, noise, freedom, as_restored=p.least_image_weight > 0
     )  # fmt: skip
     # where something moved, neither w nor the picture is known
     occlusion = Occlusion(np.zeros(w.shape, bool), np.zeros(w.shape)) if flat else occlusion_of(w, masks)

@@ -19,6 +19,7 @@ from procedures.restoration.joint.data_term import DataTerm, restore_picture
 from procedures.restoration.joint.depth_edges import FULL, Effort, layers_of, place_steps
 from procedures.restoration.joint.gauss_newton import PriorWeights, joint_step
 from procedures.restoration.joint.noise_and_contrast import (
+    DECILES,
     band_powers,
     depth_freedom,
     effective_weights,
@@ -40,8 +41,6 @@ from procedures.restoration.masks.blur_operator import Array, BlurOperator
 
 CONTRAST = 0.013
 """Mean squared gradient of textured scenes, white = 1: assumed until a picture is restored."""
-DECILES = (0.1, 0.3, 0.5, 0.7, 0.9)
-"""Quantiles at the centres of five equal parts of the distribution of w."""
 
 
 STRONG, YIELDING, MOST_LEFT = 0.2, 5.0, 2.0

@@ -16,6 +16,8 @@ from procedures.restoration.joint.gauss_newton import PriorWeights
 from procedures.restoration.joint.priors import diffuse
 from procedures.restoration.masks.blur_operator import Array, MaskStack
 
+DECILES = (0.1, 0.3, 0.5, 0.7, 0.9)
+"""Quantiles at the centres of five equal parts of the distribution of w."""
 SIZE = 64
 """Frequencies along each axis at which transfer functions are averaged; larger than the masks."""
 DETERMINED = 1 / 6
@@ -135,6 +137,11 @@ class TilePowers:
         """Values of the tiles (Y, X), interpolated over the frame, (H, W)."""
         at = [np.interp(np.arange(n), c, np.arange(len(c))) for n, c in zip(self.frame, self.centres, strict=True)]
         return np.asarray(map_coordinates(values, np.meshgrid(*at, indexing="ij"), order=1))
+
+    def nearest(self, values: Array, levels: Array) -> NDArray[np.intp]:
+        """Index (Y, X) of the level nearest to the values (H, W) at the tiles' centres."""
+        at = (np.minimum(c, n - 1) for c, n in zip(self.centres, self.frame, strict=True))
+        return np.asarray(np.abs(values[np.ix_(*at)][..., None] - levels).argmin(axis=-1))
 
 
 def tile_powers(*images: Array) -> TilePowers:

@@ -14,6 +14,7 @@ from scipy.optimize import nnls
 
 from procedures.restoration.joint.noise_and_contrast import (
     BANDS,
+    DECILES,
     SECTORS,
     SIZE,
     laplacian,
@@ -79,12 +80,12 @@ class PictureError:
 
 
 def picture_error(
-    stacks: list[MaskStack], depths: Array, weights: Array, residual: Array, sharp: Array, sigma: float,
+    stacks: list[MaskStack], w: Array, weights: Array, residual: Array, sharp: Array, sigma: float,
     fitted: float = 0.0, *, as_restored: bool = False,
 ) -> PictureError:  # fmt: skip
     """The expected error of a picture (C, H, W) with the given `residual` (P, C, H, W).
 
-    depths : w of equal parts of the frame; weights : effective weights of the prior in every band, see
+    w : (H, W) depth; weights : effective weights of the prior in every band, see
     `effective_weights`; sigma : noise of the photographs, what exceeds it is a disagreement; fitted : noise fitted by
     the depth; as_restored : X is that of the restored picture, for estimated masks, which share a part with the picture
     and make it too sharp.
@@ -93,13 +94,14 @@ def picture_error(
     the power of one photograph's residual from masks and noise, X that of the picture. The residual holds P - 1 of P
     parts of N and a part suppressed by the prior, the restored picture the rest of X and amplified noise (`separated`).
     N is estimated for the frame, X for each tile of it and each direction of frequencies, as a band's resembles that of
-    the band below. The best weight for N leaves 1 / (S / N + 1 / X).
+    the band below, with the masks at the tile's w. The best weight for N leaves 1 / (S / N + 1 / X).
     """
     rim = stacks[0].R  # determined by part of the light, with less noise
     inside = (..., slice(rim, -rim), slice(rim, -rim))
     slopes = tile_powers(*(np.diff(sharp, axis=n, append=sharp.take([-1], axis=n))[inside] for n in (1, 2)))
     rings, sectors, count = rings_of((SIZE, SIZE)), sectors_of((SIZE, SIZE)), len(stacks)
-    S, L = np.stack([responses(stacks, float(w))[0] for w in depths]), laplacian()
+    depths = np.quantile(w, DECILES)
+    S, L = np.stack([responses(stacks, float(depth))[0] for depth in depths]), laplacian()
     noises, left, steep = np.zeros(BANDS), tile_powers(residual[inside]).powers, slopes.powers
     for band in range(BANDS):
         powers = (float(part[..., rings == band].mean()) for part in (count * left, steep))
@@ -107,21 +109,21 @@ def picture_error(
         noises[band], _ = separated(parts, weights[band], count, fitted, *powers, fixed=as_restored)
     noise, weight = noises[rings], weights[rings]
     whole = S + weight * L + 1e-12
-    passed, amplified = (_windowed(x.mean(axis=0)) for x in ((S / whole) ** 2, noise * S * L / whole**2))
+    passed, amplified = _windowed((S / whole) ** 2), _windowed(noise * S * L / whole**2)
     if as_restored:
-        passed, amplified = np.ones_like(L), np.zeros_like(L)
+        passed, amplified = np.ones_like(S), np.zeros_like(S)
+    suppressed, nearest = weight**2 * L / whole**2, slopes.nearest(w[inside], depths)
     lost, X = np.zeros(steep.shape[:2]), np.zeros_like(L)
-    suppressed = np.mean(weight**2 * L / whole**2, axis=0)
     for sector in range(SECTORS):
         contrast = steep[..., (rings == 0) & (sectors == sector)].mean(axis=-1)
         for band in range(BANDS):
             where = (rings == band) & (sectors == sector)
-            contrast = _contrasts(contrast, steep[..., where], passed[where], amplified[where])
-            lost += contrast * suppressed[where].sum()
+            contrast = _contrasts(contrast, steep[..., where], passed[:, where][nearest], amplified[:, where][nearest])
+            lost += contrast * suppressed[:, where].sum(axis=1)[nearest]
             X[where] = contrast.mean()
     used = rings >= 0
     S, L, X, noise, whole = S[:, used], L[used], X[used] + 1e-30, noise[used] + 1e-30, whole[:, used]
-    best = np.stack([_of_best(stacks, float(w))[used] for w in depths])
+    best = np.stack([_of_best(stacks, float(depth))[used] for depth in depths])
     random = min(1.0, sigma**2 / float(noise.mean()))
     now, then = (np.sum(1 / (S / (part * noise) + L / X)) for part in (1.0, 1 - 0.75 * random))
     lost = np.pad(np.sqrt(slopes.over_frame(lost / used.sum())), rim, mode="edge")
@@ -131,30 +133,30 @@ def picture_error(
     )  # fmt: skip
 
 
-def _windowed(spectrum: Array) -> Array:
-    """A power spectrum (SIZE, SIZE) as that of an image under a window of cosines."""
-    return np.asarray(convolve1d(convolve1d(spectrum, COSINES, 0, mode="wrap"), COSINES, 1, mode="wrap"))
+def _windowed(spectra: Array) -> Array:
+    """Power spectra (..., SIZE, SIZE) as those of images under a window of cosines."""
+    return np.asarray(convolve1d(convolve1d(spectra, COSINES, -2, mode="wrap"), COSINES, -1, mode="wrap"))
 
 
 def _contrasts(below: Array, powers: Array, passed: Array, amplified: Array) -> Array:
     """Squared gradient of the sharp picture in each tile (Y, X) at some frequencies, from powers of the restored
     gradient (Y, X, n), whose expectation is X passed + amplified; below : that of the band below."""
     usual = FALLS * below.mean() + 1e-30
-    frame = _likeliest(usual, powers.mean(axis=(0, 1)), passed, amplified, below.size / OVERLAP)
+    frame = _likeliest(usual, powers.ravel(), passed.ravel(), amplified.ravel(), OVERLAP)
     tiles = _likeliest(FALLS * below * (frame / usual), powers, passed, amplified, 1.0)
     return np.asarray(tiles * (frame / (tiles.mean() + 1e-30)))
 
 
-def _likeliest(expected: Array, powers: Array, passed: Array, amplified: Array, count: float) -> Array:
-    """X of the largest likelihood of means (..., n) of `count` independent powers, which are exponentially distributed
-    about X passed + amplified, drawn to an expected X (...) by the variances of both."""
+def _likeliest(expected: Array, powers: Array, passed: Array, amplified: Array, overlap: float) -> Array:
+    """X of the largest likelihood of powers (..., n), which are exponentially distributed about X passed + amplified,
+    drawn to an expected X (...) by the variances of both."""
     X = expected
     for _ in range(STEPS):
         mean = X[..., None] * passed + amplified + 1e-30
         share = passed / mean**2
-        information = share @ passed + 1e-30
+        information = np.sum(share * passed, axis=-1) + 1e-30
         likely = X + np.sum(share * (powers - mean), axis=-1) / information
-        known = 1 / (1 + CORRELATED / (count * information) / ((VARIED * expected) ** 2 + 1e-30))
+        known = 1 / (1 + CORRELATED * overlap / information / ((VARIED * expected) ** 2 + 1e-30))
         X = np.maximum(expected + known * (likely - expected), LEAST * expected)
     return np.asarray(X)
 
