@@ -22,6 +22,7 @@ from procedures.restoration.joint.picture_error import error_map, noise_upper_bo
 from procedures.restoration.joint.result import Restoration, RestorationDiagnostics
 from procedures.restoration.joint.schedule import Schedule, Scheme
 from procedures.restoration.masks import checks
+from procedures.restoration.masks.array_loops import kept_memory
 from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.masks.mask_fields import MaskField, Masks, half_size_at, one_grid
 
@@ -114,6 +115,7 @@ def restore(
     return judge(restoration_of(photographs, stacks, parameters, progress))
 
 
+@kept_memory()
 def restoration_of(
     photographs: Sequence[PlaneLike],
     stacks: Sequence[Masks],

@@ -5,15 +5,18 @@ frequencies where the weight decides between them.
 """
 
 from dataclasses import dataclass
+from functools import cache
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import fft2
 from scipy.ndimage import map_coordinates
 
 from procedures.restoration.joint.data_term import DataTerm
 from procedures.restoration.joint.gauss_newton import PriorWeights
 from procedures.restoration.joint.priors import diffuse
+from procedures.restoration.masks.array_loops import most_threads
 from procedures.restoration.masks.blur_operator import Array, MaskStack
 
 DECILES = (0.1, 0.3, 0.5, 0.7, 0.9)
@@ -118,7 +121,7 @@ def _spectra(images: Array) -> NDArray[np.complex128]:
     window = np.outer(*(np.hanning(n + 2)[1:-1] for n in images.shape[-2:]))
     window /= np.sqrt(np.sum(window**2))
     level = np.sum(images * window, axis=(-2, -1), keepdims=True) / window.sum()
-    return np.asarray(np.fft.fft2((images - level) * window))
+    return np.asarray(fft2((images - level) * window, workers=most_threads()))
 
 
 SECTORS = 4
@@ -172,6 +175,7 @@ def gradient_powers(u: Array) -> Array:
     return band_powers(np.diff(u, axis=-2)) + band_powers(np.diff(u, axis=-1))
 
 
+@cache
 def rings_of(shape: tuple[int, int]) -> NDArray[np.intp]:
     """The band of every frequency; -1 for the lowest ones, which depend on the frame's rim."""
     down, across = (np.fft.fftfreq(n) for n in shape)

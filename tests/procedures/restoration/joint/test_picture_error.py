@@ -65,7 +65,6 @@ def test_the_expected_error_is_the_error_and_two_deviations_hold_95_percent(scen
     assert error.std == pytest.approx(np.std(u[0] - scene), rel=0.3)
     assert error.std == pytest.approx(math.hypot(*error.budget.values()))
     assert error.blurred > 2 * error.std
-    error = picture_error(stacks(measured), W, np.full(BANDS, WEIGHT), residual, u, NOISE)
     inside = np.abs(u[0] - scene) < 2 * error_map(error, residual, 7)
     # 95 % of a normal distribution; one pair of masks errs more or less in the picture than in the residual
     assert 0.85 < inside.mean() < 0.99
