@@ -92,8 +92,7 @@ class Diagnostics:
 
 def unexplained(fit: ChartFit) -> float:
     """Share of the variance that is neither explained nor noise."""
-    o = fit.observation
-    return max(1 - fit.agreement - float(np.mean(1 / o.weight**2)) / float(np.var(o.y)), 0.0)
+    return max(1 - fit.agreement - float(np.mean(1 / fit.observation.weight**2)) / fit.variance, 0.0)
 
 
 def diagnose(

@@ -24,7 +24,7 @@ from procedures.numerics import loops
 from procedures.numerics.arrays import Array, Array32, Indices, Mask
 from procedures.numerics.kernel_tail import SHAPES, far_light, tail_border, tail_columns, tail_sums
 from procedures.numerics.transforms import sample_convolution
-from procedures.numerics.warps import apply_homography, cubic_monomials, displacement_columns
+from procedures.numerics.warps import cubic_monomials, displacement_columns
 from procedures.pattern import BLOCK, BLOCKS, CELLS, X_CORNER_BLOCKS, Chart
 from procedures.pattern_psf.radiometry import LightLevels, quadratic
 from procedures.pattern_psf.rasterise import Raster, Window, band_limited_chart
@@ -229,9 +229,10 @@ class WholeChart:
         return SampleGroup(shared, own, (self.value - self.prediction)[used] * weight, cluster.astype(np.int64))
 
 
-def _outside(shape: tuple[int, ...], window: Window, s: int, border: int, H: Array) -> Mask:
+def _outside(shape: tuple[int, int], window: Window, s: int, border: int, H: Array) -> Mask:
     """Samples of the s grid that lie outside of the chart."""
     y, x = ((np.arange(n) - border) / s + first for n, first in zip(shape, (window.y, window.x), strict=True))
-    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    cells = apply_homography(H, points)
-    return np.asarray(((cells < -BLOCK) | (cells > CELLS + BLOCK)).any(axis=1).reshape(shape))
+    outside = np.zeros(shape, dtype=bool)
+    for a, b, c in (*(H[:2] + BLOCK * H[2]), *((CELLS + BLOCK) * H[2] - H[:2])):  # negative beyond each side
+        outside |= a * x + (b * y + c)[:, None] < 0
+    return outside

@@ -105,10 +105,15 @@ class ChartFit:
         return float(np.sqrt(self.residual @ self.residual / self.freedom))
 
     @property
+    def variance(self) -> float:
+        """Variance of the samples, more than 0."""
+        return max(float(np.var(self.observation.y)), 1e-30)
+
+    @property
     def agreement(self) -> float:
         """Share of the samples' variance that the prediction explains, corrected for the degrees of freedom."""
         residual = self.observation.y - self.prediction
-        return 1 - float(residual @ residual) / self.freedom / float(np.var(self.observation.y))
+        return 1 - float(residual @ residual) / self.freedom / self.variance
 
     @property
     def neighbour_correlation(self) -> float:

@@ -21,7 +21,7 @@ from procedures.restoration.joint.result import Restoration, with_unit
 from procedures.restoration.masks.blur_models import DepthUnit, mask_stack, reach
 from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.masks.camera_motion import Poses, motion_blur, planar_stacks, px_per_inverse_m
-from procedures.restoration.masks.checks import as_channels, check_extent, check_max_w
+from procedures.restoration.masks.checks import as_channels, check_extent, check_max_w, check_photographs
 from procedures.restoration.masks.defocus_and_motion import with_defocus
 from procedures.restoration.masks.mask_fields import Masks
 from procedures.restoration.masks.psf_shapes import MeasuredShape
@@ -184,18 +184,18 @@ def blur_of(
     """
     if spec.max_w is not None:
         check_max_w(spec.max_w)
-    photographs = as_channels(photographs)
-    source, shape = spec.source, (int(photographs[0].shape[1]), int(photographs[0].shape[2]))
+    channels = list(check_photographs(as_channels(photographs)))
+    source, shape = spec.source, (int(channels[0].shape[1]), int(channels[0].shape[2]))
     if isinstance(source, KnownShapes):
-        blur = _shaped(source, spec.max_w, photographs, shape)
+        blur = _shaped(source, spec.max_w, channels, shape)
     elif isinstance(source, RecordedMotion):
-        blur = _in_time(source, spec.max_w or DEFAULT_MAX_W, photographs)
+        blur = _in_time(source, spec.max_w or DEFAULT_MAX_W, channels)
     else:
         report = report or (lambda finding: None)
         if source.region == "whole":
-            blur = _of_flat_scene(source, spec.max_w, photographs, shape, report)
+            blur = _of_flat_scene(source, spec.max_w, channels, shape, report)
         else:
-            blur = _estimated(source, spec.max_w or DEFAULT_MAX_W, photographs, shape, report)
+            blur = _estimated(source, spec.max_w or DEFAULT_MAX_W, channels, shape, report)
     return blur if spec.defocus is None else _spread(blur, spec.defocus, shape)
 
 

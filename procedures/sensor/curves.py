@@ -88,7 +88,7 @@ def _before_rounding(recording: SensorRecording, mean: Array, variance: Array, r
         variances = np.array([level.mean_variance, level.variance_variance, uncertainty**2]) + more
         before = unrounded(np.array([mean[:, i], variance[:, i], spatial]) + scatter, variances, rng)
         mean[:, i], variance[:, i] = before.mean, before.temporal
-        pixels = np.sqrt(before.spatial)
+        pixels = np.sqrt(np.maximum(before.spatial, 0.0))
     return pixels
 
 
@@ -97,7 +97,7 @@ def light_spread(recording: SensorRecording) -> float:
     change = column(light.change for light in recording.lights) ** 2
     noise = column(light.change_variance for light in recording.lights)
     signal = recording.signal
-    bright = signal > 0.05 * signal.max()
+    bright = np.abs(signal) > 0.05 * np.abs(signal).max()
     share = (change - noise)[bright] / (2 * signal[bright] ** 2)
     return float(np.sqrt(max(share.mean(), 0.0)))
 

@@ -300,12 +300,11 @@ def _outlying_level(recording: SensorRecording, top: int) -> Check:
     """Whether a level from 5 % of saturation upwards deviates from the line between its neighbours, and which most."""
     signal, light = recording.signal, column(one.light for one in recording.lights)
     below, above = light[:-2], light[2:]
-    share = (light[1:-1] - below) / (above - below)
+    share = (light[1:-1] - below) / np.maximum(above - below, 1e-300)
     between = (1 - share) * signal[:-2] + share * signal[2:]
-    deviation = signal[1:-1] / between - 1
     considered = np.minimum(signal[1:-1], between) >= RANGE[0] * signal[top]
     considered[max(top - 1, 0) :] = False  # beyond saturation the response bends
-    deviation = np.where(considered, deviation, 0.0)
+    deviation = np.divide(signal[1:-1] - between, between, out=np.zeros(len(between)), where=considered)
     worst = int(np.argmax(np.abs(deviation)))
     level = recording.lights[worst + 1]
     return Check("outlying level", abs(deviation[worst]), OUTLYING, DOUBTFUL,

@@ -23,7 +23,7 @@ from procedures.outcome import Outcome, Quantity, Refused, Verdict, checked_type
 from procedures.quality import Diffraction
 from procedures.raw import Plane, PlaneLike, as_plane
 from procedures.slanted_edge.corruptions import corruption_checks, modes_of
-from procedures.slanted_edge.edge_line import Course, find_course, tukey
+from procedures.slanted_edge.edge_line import NO_EDGE, Course, find_course, tukey
 from procedures.slanted_edge.evidence import examine
 from procedures.slanted_edge.find import EdgeSighting, edge_listed, find_edges
 from procedures.slanted_edge.profile import (
@@ -174,9 +174,9 @@ def measure(strip: Strip, line: EdgeLine | None = None) -> Outcome[EdgeMtf]:
         check_clipping(strip, course)
         course = refine_course(strip, course)
         check_course(strip, course)
+        profile, mtf = _through_windows(strip, course)
     except Refused as refusal:
         return Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
-    profile, mtf = _through_windows(strip, course)
     draws = resampled_mtf(profile)
     mtf50 = float(frequency_at(mtf, 0.5))
     uncertainty = float(np.nanstd(frequency_at(draws, 0.5))) if np.isfinite(mtf50) else np.inf
@@ -339,6 +339,8 @@ def refine_course(strip: Strip, course: Course) -> Course:
     """Course of the degree with the least Bayesian information criterion; two degrees without a gain end the search."""
     profile = edge_profile(strip, course)
     best, least = _converged(strip, profile, _with_degree(course, 1))
+    if np.isinf(least):
+        raise Refused("there is no edge in the region: the line through its gradients leaves it", NO_EDGE)
     for order in range(2, HIGHEST_ORDER + 1):
         candidate, criterion = _converged(strip, profile, _with_degree(best, order))
         if criterion < least:
@@ -354,12 +356,14 @@ def _with_degree(course: Course, order: int) -> Course:
 
 
 def _converged(strip: Strip, profile: EdgeProfile, course: Course) -> tuple[Course, float]:
-    """Converged course of this degree, and its Bayesian information criterion."""
+    """Converged course of this degree, and its Bayesian information criterion, infinite where it left the strip."""
     for _ in range(MAX_ITERATIONS):
         d = course.distances(strip)
         used = strip.usable & (np.abs(d) < profile.end_px + 1)
         profile, residual = rebinned(profile, values_of(profile.light, strip, d), d, used, BINNINGS)
         core = used & (np.abs(d) < profile.flat_px)
+        if not core.any():
+            return course, np.inf
         change, covariance = _displacement(strip, profile, course, d, residual, core)
         course = replace(course, coefficients=course.coefficients + change)
         if np.abs(change).max() < CONVERGED_PX:

@@ -101,7 +101,8 @@ def examine(strip: Strip, course: Course, profile: EdgeProfile, mtf: Array, of_m
         logarithm = math.log(bright / dark)
         growth = logarithm / math.sqrt(sum(2 / np.count_nonzero(side) for side in sides))
         levels = np.maximum(profile.light[:2], 1e-3 * profile.contrast)
-        exponent = logarithm / math.log(levels[1] / levels[0])
+        if levels[1] > levels[0]:
+            exponent = logarithm / math.log(levels[1] / levels[0])
     variances = max(dark, rounding), max(bright, rounding)
     samples = _Samples(d, value, inside, variances)
     averaged = replace(samples, variances=(variances[0] * inflation[0], variances[1] * inflation[1]))

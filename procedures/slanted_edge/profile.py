@@ -12,7 +12,8 @@ import numpy as np
 from scipy.ndimage import map_coordinates, spline_filter1d, uniform_filter1d
 
 from procedures.numerics.arrays import Array, Mask
-from procedures.slanted_edge.edge_line import Course
+from procedures.outcome import Refused
+from procedures.slanted_edge.edge_line import NO_EDGE, Course
 from procedures.slanted_edge.strip import Strip
 from procedures.slanted_edge.tail import COLUMN, Lean, Tail, with_tail
 
@@ -124,12 +125,16 @@ def edge_profile(strip: Strip, course: Course, widening: float = 1.0) -> EdgePro
     """Spread function of an edge of known course, in a window widened by a factor."""
     d = course.distances(strip)
     inside = (np.abs(d) < strip.reach_px) & strip.usable
-    reach = float(min(np.max(d[inside]), -np.min(d[inside])))
+    reach = float(min(np.max(d[inside], initial=-np.inf), -np.min(d[inside], initial=np.inf)))
+    if reach < MIN_FAR_PX:
+        raise Refused("there is no edge in the region: the line through its gradients leaves it", NO_EDGE)
     width = _width(strip.samples[inside], d[inside], reach)
     flat = min(widening * max(FLAT_WIDTHS * width, MIN_FLAT_PX), 0.5 * reach)
     end = min(widening * max(END_WIDTHS * width, 2 * MIN_FLAT_PX), reach - 1)
     far = inside & (np.abs(d) > min((flat + end) / 2, reach - MIN_FAR_PX))
     light, normal, right, weight, lean = _plains(strip, d, far, width)
+    if light[1] <= light[0]:
+        raise Refused("there is no edge in the region: its sides have no levels of their own", NO_EDGE)
     value = values_of(light, strip, d)
     used = inside & (np.abs(d) < end + 1)
     empty = np.zeros((len(value), 2 * (int(np.ceil(end * BINS)) + 1)))

@@ -256,8 +256,8 @@ def _factor(a: Array, b: Array) -> float:
 
 
 def _curve(a: Array, b: Array) -> tuple[float, float, float]:
-    constant, slope, bend = np.polynomial.polynomial.polyfit(a, b, 2)
-    return float(constant), float(slope), float(bend)
+    constant, slope, bend = np.linalg.lstsq(np.vander(a, 3, increasing=True), b, rcond=None)[0].tolist()
+    return constant, slope, bend
 
 
 def shift_back(photograph: Array, trust: Array, x: float, y: float) -> tuple[Array, Array]:

@@ -89,7 +89,7 @@ def noise_of(z: Array, stacks: Sequence[Masks], step: float = initial_depth.LEVE
     lower quartile over the frame of the least windowed mean over levels."""
     levels = initial_depth.levels_of(stacks, step)
     least = initial_depth.cost_volume(z[:2], stacks[:2], np.ones(2), levels, 5).min(axis=2) / z.shape[1]
-    return max(1.3 * float(np.sqrt(np.percentile(least, 25))), 1e-5)
+    return max(1.3 * max(float(np.percentile(least, 25)), 0.0) ** 0.5, 1e-5)
 
 
 def first_depth(z: Array, stacks: Sequence[Masks], sigma: float, p: RestorationParameters) -> initial_depth.DepthStart:

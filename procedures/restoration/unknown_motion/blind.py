@@ -25,6 +25,7 @@ CROSS = 100.0
 """Weight of the cross relation relative to the fit to the picture, both in squared gradients."""
 MOST_RESIDUAL = 0.2
 """Largest residual relative to the part's contrast."""
+NO_MASKS = "no pair of masks explains the marked part of both photographs", "mark a part of one distance"
 GAIN = 1.12
 """A larger support lowers the least eigenvalue by some per cent through its additional unknowns; a missing rim doubles
 it."""
@@ -84,7 +85,7 @@ def prototype_shapes(parts: Array, largest: int, rounds: int = 24, first: Array 
         masks = _masks(parts, u, CROSS * relation, R)
     residual = np.sqrt(np.mean([(fftconvolve(u, h, mode="valid") - z) ** 2 for h, z in zip(masks, parts, strict=True)]))
     if residual > MOST_RESIDUAL * parts.std():
-        raise Refused("no pair of masks explains the marked part of both photographs", "mark a part of one distance")
+        raise Refused(*NO_MASKS)
     masks = centred(masks)
     half = reach(masks)
     return Prototypes(masks, np.stack([as_shape(h, half) for h in masks]), half, float(residual))
@@ -142,8 +143,15 @@ def _first_masks(parts: Array, R: int) -> Array:
     root = np.sqrt(np.maximum(values - values[0], 0) + 1e-3 * values[0] + 1e-12)[:, None] * vectors.T
     tie = np.sqrt(values[-1]) * np.repeat(np.eye(2), size * size, axis=1)
     target = np.concatenate([np.zeros(len(root)), np.sqrt(values[-1]) * np.ones(2)])
-    h, _ = nnls(np.concatenate([root, tie]), target)
-    return _normalised(h.reshape(2, size, size))
+    return _normalised(_non_negative(np.concatenate([root, tie]), target).reshape(2, size, size))
+
+
+def _non_negative(A: Array, b: Array) -> Array:
+    """The x >= 0 of the least |A x - b|."""
+    try:
+        return np.asarray(nnls(A, b)[0])
+    except RuntimeError as error:  # it does not converge where the photographs do not determine the masks
+        raise Refused(*NO_MASKS) from error
 
 
 def _normalised(masks: Array) -> Array:
@@ -184,8 +192,7 @@ def _masks(parts: Array, u: Array, relation: Array, R: int) -> Array:
     normal[n:, n:] += gram
     normal[np.diag_indices(2 * n)] += 1e-5 * np.trace(gram) / n
     factor = np.linalg.cholesky(normal).T
-    h, _ = nnls(factor, np.linalg.solve(factor.T, right.ravel()))
-    masks = h.reshape(2, size, size)
+    masks = _non_negative(factor, np.linalg.solve(factor.T, right.ravel())).reshape(2, size, size)
     masks[masks < 0.02 * masks.max()] = 0
     return _normalised(masks)
 

@@ -113,7 +113,7 @@ def fit_spline(points: Array, target: Array, sigma: float, steady: float, instan
 def _moments(target: Array) -> tuple[Array, Array]:
     R = len(target) // 2
     at = np.arange(-R, R + 1.0)
-    along = np.stack([target.sum(axis=0), target.sum(axis=1)]) / target.sum()
+    along = np.stack([target.sum(axis=0), target.sum(axis=1)]) / max(float(target.sum()), 1e-30)
     mean = along @ at
     return np.asarray(mean), np.sqrt(np.maximum(along @ at**2 - mean**2, 0.01))
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from procedures.outcome import BadParameter, Outcome, Verdict
 from procedures.raw import read_frame
@@ -132,6 +133,8 @@ def test_noise_and_texture_are_no_edges(rng):
     refusal(0.5 + 0.05 * rng.standard_normal((60, 60)), "no edge")
     refusal(np.full((60, 60), 0.5), "no edge")
     refusal(np.kron(rng.random((15, 15)), np.ones((4, 4))), "edge")
+    for seed, words in (2, "levels of their own"), (127, "leaves it"):
+        refusal(gaussian_filter(np.random.default_rng(seed).random((24, 24)), 1.0), words)
 
 
 @pytest.mark.parametrize(("angle", "words"), [(0.2, "near the axis"), (45.0, "near the diagonal")])
