@@ -33,7 +33,7 @@ def most_threads() -> int:
 
 def in_bands(work: Callable[[int, int], object], limits: Iterable[int]) -> None:
     """Run work(top, bottom) between all neighbouring limits, one thread each; `work` must release the interpreter."""
-    first, *others = pairwise(int(limit) for limit in limits)
+    first, *others = pairwise(limits)
     threads = [Thread(target=work, args=band) for band in others]
     for thread in threads:
         thread.start()
@@ -58,9 +58,10 @@ def kept_memory() -> Iterator[None]:
         trim(0)
 
 
-def bands_of(rows: int, numbers: int) -> Array:
+def bands_of(rows: int, numbers: int) -> list[int]:
     """Limits of bands of rows for an amount of work."""
-    return np.linspace(0, rows, 1 + int(np.clip(numbers // NUMBERS_PER_THREAD, 1, most_threads())))
+    count = min(max(numbers // NUMBERS_PER_THREAD, 1), most_threads())
+    return [rows * k // count for k in range(count + 1)]
 
 
 def advance(x: Array, r: Array, p: Array, q: Array, step: float) -> None:

@@ -226,11 +226,11 @@ class FieldBlur:
         return du, dw
 
 
-def _bands(work: NDArray[np.int64], n: int) -> NDArray[np.int64]:
+def _bands(work: NDArray[np.int64], n: int) -> list[int]:
     """Limits of n bands of rows of about equal work, 0 .. rows; even, so that the same pairs of rows are processed."""
     done = np.concatenate([[0], np.cumsum(work)])
     limits = np.searchsorted(done, np.arange(1, n) / n * done[-1]) // 2 * 2
-    return np.concatenate([[0], limits, [len(work)]]).astype(np.int64)
+    return [0, *limits.tolist(), len(work)]
 
 
 def hats(n: int, size: int) -> Array:
