@@ -89,7 +89,7 @@ def noise_of(z: Array, stacks: Sequence[Masks], step: float = initial_depth.LEVE
     lower quartile over the frame of the least windowed mean over levels."""
     levels = initial_depth.levels_of(stacks, step)
     least = initial_depth.cost_volume(z[:2], stacks[:2], np.ones(2), levels, 5).min(axis=2) / z.shape[1]
-    return max(1.3 * max(float(np.percentile(least, 25)), 0.0) ** 0.5, 1e-5)
+    return max(1.3 * float(np.sqrt(max(np.percentile(least, 25), 0.0))), 1e-5)
 
 
 def first_depth(z: Array, stacks: Sequence[Masks], sigma: float, p: RestorationParameters) -> initial_depth.DepthStart:
@@ -146,17 +146,11 @@ def restoration_of(
         p.scheme.rounds, p.image_weight, p.depth_weight, not p.depth_total_variation, p.least_image_weight
     )
     data, other = joint_descent.problem_of(z, fields, trust, p.dtype, MaskField.blur)
+    misfit = ~binary_erosion(np.pad(start.trusted, data.R), iterations=2, border_value=1)  # with a margin
     problem = joint_descent.JointProblem(
-        data,
-        other,
-        p.scheme,
-        schedule,
-        sigma,
-        reach_of(start.w, stacks),
-        p.total_variation,
-        p.depth_total_variation,
-        ~binary_erosion(np.pad(start.trusted, data.R), iterations=2, border_value=1),  # with a margin
-    )
+        data, other, p.scheme, schedule, sigma, reach_of(start.w, stacks), p.total_variation, p.depth_total_variation,
+        misfit,
+    )  # fmt: skip
     descend = joint_descent.run if p.flat_w is None else joint_descent.picture_alone
     state = descend(problem, joint_descent.begin(problem, start.w), progress)
     return _restoration(data, state, start, registered, saturated, p)

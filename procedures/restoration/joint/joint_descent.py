@@ -344,14 +344,9 @@ def reliable_segments(labels: Labels, wrong: Mask) -> Labels:
 
 
 def restarted(
-    data: DataTerm,
-    other: DataTerm,
-    old: RegionAttempt,
-    wrong: Mask,
-    reach: int,
-    weight: float,
+    data: DataTerm, other: DataTerm, old: RegionAttempt, wrong: Mask, reach: int, weight: float,
     iterations: int = FULL.iterations,
-) -> RegionAttempt:
+) -> RegionAttempt:  # fmt: skip
     """The pair with its wrong regions restarted, edges localised within `reach`; the terms remain focused elsewhere."""
     soft = max(weight, SOFT)
     labels = reliable_segments(old.labels, wrong)
@@ -377,14 +372,9 @@ def better_of(data: DataTerm, old: RegionAttempt, new: RegionAttempt, wrong: Mas
 
 
 def restart(
-    data: DataTerm,
-    other: DataTerm,
-    old: RegionAttempt,
-    reach: int,
-    weight: float,
-    onward: Callable[[RegionAttempt, Mask | None], RegionAttempt],
-    iterations: int = FULL.iterations,
-) -> RegionAttempt:
+    data: DataTerm, other: DataTerm, old: RegionAttempt, reach: int, weight: float,
+    onward: Callable[[RegionAttempt, Mask | None], RegionAttempt], iterations: int = FULL.iterations,
+) -> RegionAttempt:  # fmt: skip
     """The pair after some rounds, with regions restarted where that lowers the residual; onward : those rounds, of all
     pixels or of those near the regions.
 
@@ -392,9 +382,9 @@ def restart(
     """
     data.focus(old.w)
     wrong = unexplained(data, old.u)
-    if not wrong.any():
-        return onward(old, None)
     old = onward(old, None)
+    if not wrong.any():
+        return old
     new = restarted(data, other, old, wrong, reach, weight, iterations)
     around = maximum_filter(wrong, 2 * data.R + 1)
     return better_of(data, old, onward(new, around), wrong)

@@ -45,14 +45,9 @@ class Moments:
 
 
 def moments(
-    stacks: list[MaskStack],
-    depths: Array,
-    weights: Array,
-    residual: Array,
-    gradient: Array,
-    fitted: float = 0.0,
+    stacks: list[MaskStack], depths: Array, weights: Array, residual: Array, gradient: Array, fitted: float = 0.0,
     least_noise: float = 1e-5,
-) -> Moments:
+) -> Moments:  # fmt: skip
     """Noise and contrast estimated from a restoration.
 
     depths : w of equal parts of the frame; weights : effective weights of the quadratic prior in every band, see

@@ -4,6 +4,7 @@ import ctypes
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from itertools import pairwise
 from threading import Thread
 from typing import Any
@@ -67,13 +68,13 @@ def bands_of(rows: int, numbers: int) -> list[int]:
 def advance(x: Array, r: Array, p: Array, q: Array, step: float) -> None:
     """x + step p and r - step q, in place; contiguous arrays of one shape."""
     at = (x.ravel(), r.ravel(), p.ravel(), q.ravel(), x.dtype.type(step))
-    in_bands(lambda top, bottom: _advance(*at, top, bottom), bands_of(x.size, PASSES * x.size))
+    in_bands(partial(_advance, *at), bands_of(x.size, PASSES * x.size))
 
 
 def turn(p: Array, y: Array, part: float) -> None:
     """part p + y in place of p."""
     at = (p.ravel(), y.ravel(), p.dtype.type(part))
-    in_bands(lambda top, bottom: _turn(*at, top, bottom), bands_of(p.size, PASSES * p.size))
+    in_bands(partial(_turn, *at), bands_of(p.size, PASSES * p.size))
 
 
 def add_diffusion(
@@ -83,19 +84,18 @@ def add_diffusion(
     flat = (-1, *x.shape[-2:])
     g, h = _rows(down, x.shape[-1], x.dtype), _rows(across, x.shape[-1] - 1, x.dtype)
     at = (out.reshape(flat), x.reshape(flat), x.dtype.type(weight), g, h)
-    in_bands(lambda top, bottom: _add_diffusion(*at, top, bottom), bands_of(x.shape[-2], PASSES * x.size))
+    in_bands(partial(_add_diffusion, *at), bands_of(x.shape[-2], PASSES * x.size))
 
 
 def add_bending(out: Array, x: Array, weight: float, down: Array | float, across: Array | float) -> None:
     """Add weight times the gradient of half the weighted sum of x's squared second differences.
 
-    Along both axes and, with factor two, mixed: for constant weights, the Laplacian squared. out, x : (H, W),
-    contiguous;
+    Along both axes and, with factor two, mixed: for constant weights, the Laplacian squared. out, x : (H, W);
     down, across : weights of differences as for `add_diffusion`; a second difference has the smallest of its weights.
     """
     g, h = _every_row(down, x), _every_row(across, x[:, 1:])
     at = (out, x, x.dtype.type(weight), g[: len(x) - 1], h)
-    in_bands(lambda top, bottom: _add_bending(*at, top, bottom), bands_of(len(x), 2 * PASSES * x.size))
+    in_bands(partial(_add_bending, *at), bands_of(len(x), 2 * PASSES * x.size))
 
 
 def gaussian(a: Array, sigma: float, truncate: float) -> Array:
@@ -103,11 +103,13 @@ def gaussian(a: Array, sigma: float, truncate: float) -> Array:
     reach = int(truncate * sigma + 0.5)
     half = np.exp(-0.5 * (np.arange(reach + 1) / sigma) ** 2)
     half = (half / (2 * half.sum() - 1)).astype(a.dtype)
-    a, down, across = np.ascontiguousarray(a), np.empty(a.shape, a.dtype), np.empty(a.shape, a.dtype)
-    limits = bands_of(len(a), a.size * reach)
-    in_bands(lambda top, bottom: _window_down(a, half, down, top, bottom), limits)
-    in_bands(lambda top, bottom: _window_across(down, half, across, top, bottom), limits)
-    return across
+    for _ in range(2):  # down, and across
+        wide = np.ascontiguousarray(a)
+        out = np.empty_like(wide)
+        at = (wide, half, out)
+        in_bands(partial(_window_down, *at), bands_of(len(wide), wide.size * reach))
+        a = out.T
+    return a
 
 
 def _rows(weights: Array | float, width: int, dtype: Any) -> Array:
@@ -201,20 +203,3 @@ def _window_down(a: Array, half: Array, out: Array, top: int, bottom: int) -> No
             part, above, below = half[t], a[max(i - t, 0)], a[min(i + t, height - 1)]
             for j in range(width):
                 row[j] += part * (above[j] + below[j])
-
-
-@jitted(fastmath=True, nogil=True)
-def _window_across(a: Array, half: Array, out: Array, top: int, bottom: int) -> None:
-    width = a.shape[1]
-    reach = half.size - 1
-    wide = np.empty(width + 2 * reach, a.dtype)
-    for i in range(top, bottom):
-        for j in range(wide.size):  # slice assignment takes seconds to compile
-            wide[j] = a[i, min(max(j - reach, 0), width - 1)]
-        row = out[i]
-        for j in range(width):
-            row[j] = half[0] * wide[reach + j]
-        for t in range(1, half.size):
-            part, left, right = half[t], wide[reach - t : reach - t + width], wide[reach + t : reach + t + width]
-            for j in range(width):
-                row[j] += part * (left[j] + right[j])
