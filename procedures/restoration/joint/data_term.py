@@ -96,7 +96,7 @@ def conjugate_gradients(
     tolerance: float = 0.0,
 ) -> Array:  # fmt: skip
     """Approximate solution x of A x = gradient, from zero; apply : x -> A x; divide : diagonal preconditioner;
-    iterations : at most; tolerance : of the squared preconditioned gradient, relative to the first, at which it ends."""
+    iterations : at most; tolerance : of the squared preconditioned gradient over the first, at which it ends."""
     x = np.zeros(gradient.shape, gradient.dtype)
     r = gradient.copy()
     plain = np.ndim(divide) == 0 and divide == 1
