@@ -27,7 +27,8 @@ from procedures.ray_histogram.uncertainty import weighting_variance
 Denoiser = Callable[["Render"], npt.NDArray[np.floating]]
 """A filter from outside: it takes the film's picture and its features."""
 
-HISTOGRAMS, DEMODULATED, REGRESSED = "histograms", "histograms of the light", "regression"
+HISTOGRAMS, STRICTER, DEMODULATED = "histograms", "histograms, half of kappa", "histograms of the light"
+REGRESSED = "regression"
 DENOISED, UNFILTERED = "denoiser", "unfiltered"  # the candidates, in the order in which they are blended
 WEIGHT_PX = 4.0  # standard deviation of the neighbourhood in which a weight is determined, pixels
 SIGNIFICANCE = 4.0
@@ -91,30 +92,27 @@ def blend(
             raise BadInput("each half needs two samples per pixel to estimate noise", "cast four samples or more")
     parameters = parameters or FilterParameters()
     plain = replace(parameters, rims=False)  # they are determined best from all samples
-    first, second, answer = (_candidates(one, plain, denoiser, threads) for one in (*halves, whole))
+    (first, _), (second, _), (answer, filtered) = (
+        _candidates(one, plain, denoiser, threads) for one in (*halves, whole)
+    )
     films = halves[0].film, halves[1].film
-    weights = cross_validated(films, first.pictures, second.pictures)
-    picture, a, b = (_mix(one.pictures, weights) for one in (answer, first, second))
+    weights = cross_validated(films, first, second)
+    picture, a, b = (_mix(candidates, weights) for candidates in (answer, first, second))
     sigma: npt.NDArray[np.floating] = _uncertainty(films, (a, b))
     if parameters.rims:
         values, spread = lamp_rims(whole.film, picture)
         picture, sigma = np.where(np.isnan(values), picture, values), np.where(np.isnan(spread), sigma, spread)
     shares = {name: float(weight.mean()) for name, weight in weights.items()}
-    filtered = answer.filtered
-    pictures = picture.astype(np.float32), sigma.astype(np.float32)
-    return FilteredFilm(pictures[0], filtered.similar, filtered.median_similar, pictures[1]), shares
+    return replace(filtered, picture=picture.astype(np.float32), uncertainty=sigma.astype(np.float32)), shares
 
 
-@dataclass(frozen=True)
-class _Candidates:
-    filtered: FilteredFilm
-    pictures: dict[str, Array]
-
-
-def _candidates(render: Render, parameters: FilterParameters, denoiser: Denoiser | None, threads: int) -> _Candidates:
+def _candidates(
+    render: Render, parameters: FilterParameters, denoiser: Denoiser | None, threads: int
+) -> tuple[dict[str, Array], FilteredFilm]:
     film = render.film.checked()
     filtered = filter_film(film, parameters, threads=threads)
     pictures: dict[str, npt.NDArray[np.floating]] = {HISTOGRAMS: filtered.picture}
+    pictures[STRICTER] = filter_film(film, replace(parameters, kappa=parameters.kappa / 2), threads=threads).picture
     if render.light is not None and render.albedo is not None:
         light = filter_film(render.light, parameters, guides=render.guides, threads=threads).picture
         pictures[DEMODULATED] = light * divisor(render.albedo)
@@ -122,7 +120,7 @@ def _candidates(render: Render, parameters: FilterParameters, denoiser: Denoiser
     if denoiser is not None:
         pictures[DENOISED] = denoiser(render)
     pictures[UNFILTERED] = film.mean
-    return _Candidates(filtered, {name: picture.astype(np.float64) for name, picture in pictures.items()})
+    return {name: picture.astype(np.float64) for name, picture in pictures.items()}, filtered
 
 
 def _features(render: Render) -> Array:

@@ -86,7 +86,7 @@ def plan() -> Plan:
             ),
             Step(
                 "far", "Far", "Move back, focus again, change nothing else.",
-                (Go(to_far, say_far), *focus("far"), shoot("far")), drawings.FAR, "light {far_light_percent:+z.0f} %",
+                (Go(to_ratio, say_far), *focus("far"), shoot("far")), drawings.FAR, "light {far_light_percent:+z.0f} %",
             ),
             Step(
                 "farther", "Farther", "Lower the uncertainty by photographs from further distances, if needed.",
@@ -122,11 +122,11 @@ def to_near(facts: Facts) -> dict[str, float]:
     return straight if low is None else {"z_mm": low, **straight}
 
 
-def to_far(facts: Facts) -> dict[str, float]:
-    """Position of the far place along the rail."""
+def to_ratio(facts: Facts) -> dict[str, float]:
+    """Position along the rail at `ratio` times the near distance, counted from the near place."""
     known = facts_as(TwoPhotoFacts, facts)
-    here = known.where().get("z_mm")
-    return {} if here is None else {"z_mm": here + (known.ratio - 1) * wall_mm(known)}
+    near_mm = known.where().get("z_mm") if known.near_z_mm is None else known.near_z_mm
+    return {} if near_mm is None else {"z_mm": near_mm + (known.ratio - 1) * wall_mm(known)}
 
 
 def wall_mm(known: TwoPhotoFacts) -> float:
@@ -349,12 +349,6 @@ def farther_stops(facts: Facts) -> list[TourStop]:
         )
 
     return [stop(n, ratio) for n, ratio in enumerate(ratios)]
-
-
-def to_ratio(facts: Facts) -> dict[str, float]:
-    """Position along the rail at `ratio` times the near distance."""
-    known = facts_as(TwoPhotoFacts, facts)
-    return {} if known.near_z_mm is None else {"z_mm": known.near_z_mm + (known.ratio - 1) * wall_mm(known)}
 
 
 NEAR_PLANE = "near plane"  # key of a near photograph of the same run, for comparison with the far ones

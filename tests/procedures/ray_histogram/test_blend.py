@@ -10,6 +10,7 @@ from procedures.ray_histogram.blend import (
     DENOISED,
     HISTOGRAMS,
     REGRESSED,
+    STRICTER,
     UNFILTERED,
     Render,
     blend,
@@ -48,16 +49,15 @@ def test_weights_follow_the_truth_and_the_albedo(rng, textured):
     samples, albedo, truth = textured
     halves, whole = halves_of_samples({"samples": samples, "albedo": albedo})
     blended, weights = blend(halves, whole)
-    assert set(weights) == {HISTOGRAMS, DEMODULATED, REGRESSED, UNFILTERED}
+    assert set(weights) == {HISTOGRAMS, STRICTER, DEMODULATED, REGRESSED, UNFILTERED}
     assert weights[DEMODULATED] > 0.7
     assert error(blended.picture, truth) < 0.2 * error(whole.film.mean, truth)
 
 
 def test_a_worthless_candidate_does_not_harm(light):
     truth = np.full((32, 32), 0.4)
-    halves, whole = halves_of_samples({"samples": light(truth, 64)})
-    alone, _ = blend(halves, whole)
-    spoiled, weights = blend(halves, whole, denoiser=lambda render: np.full((32, 32, 3), 0.9))
+    render = halves_of_samples({"samples": light(truth, 64)})
+    (alone, _), (spoiled, weights) = blend(*render), blend(*render, denoiser=lambda one: np.full((32, 32, 3), 0.9))
     assert weights[DENOISED] < 0.02
     assert error(spoiled.picture, 0.4) < 1.5 * error(alone.picture, 0.4)
 
