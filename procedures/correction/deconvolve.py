@@ -23,8 +23,8 @@ from procedures.correction.steps import agree, differences, divergence, length, 
 Single = npt.NDArray[np.float32]
 Spectrum = npt.NDArray[np.complex64]
 
-BALANCE, MOST_CHROMA = 0.69, 8.0
-"""Ratio of lightness to colour of a scene over that of its restored picture, and the largest weight of colour."""
+BALANCE = 0.69
+"""Ratio of lightness to colour of a scene over that of its restored picture."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,8 @@ def mean_difference(u: Single, prior: Prior) -> float:
 
 def balanced(prior: Prior, pictures: Sequence[Single]) -> Prior:
     """The prior with the weight of colour that suits restored pictures (C, n, n): the geometric mean of the usual one
-    and the ratio of their differences of lightness and of colour, which are the smaller by their prior."""
+    and the ratio of their differences of lightness and of colour, which are the smaller by their prior; at most the
+    usual one, as with more edges of grey have darker rims."""
     if len(pictures[0]) == 1:
         return prior
     M, lengths = replace(prior, chroma=1.0).mixing(3).astype(np.float32), []
@@ -131,7 +132,7 @@ def balanced(prior: Prior, pictures: Sequence[Single]) -> Prior:
         lengths.append([length(d[:, :1]).mean(), length(d[:, 1:]).mean()])
     lightness, colour = np.mean(lengths, axis=0)
     ratio = BALANCE * float(lightness / max(colour, 1e-9))
-    return replace(prior, chroma=float(np.clip(np.sqrt(prior.chroma * ratio), 1.0, MOST_CHROMA)))
+    return replace(prior, chroma=float(np.clip(np.sqrt(prior.chroma * ratio), 1.0, prior.chroma)))
 
 
 def _transformed_back(F: Spectrum, n: int) -> Single:
