@@ -1,6 +1,6 @@
 """Course of an edge: a polynomial through the centroids of each row's derivative, before refinement."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
@@ -14,6 +14,9 @@ CENTROID_ORDER = 2
 picture; over a short drift a higher degree would follow that wave."""
 SMOOTHING_PX = 1.5  # standard deviation of the derivative filter that detects the edge
 ROUNDS = 4
+DEFECT, NEAR_PX, MOST_DEFECTS = 6.0, 6, 0.01
+"""Standard deviations from its neighbours along the edge beyond which a pixel is defective; distance from the edge from
+which the scatter no longer depends on it; share of the samples above which they are no defects."""
 NO_EDGE = "give a region with one straight edge between two plain areas that crosses it from side to side"
 
 
@@ -75,6 +78,22 @@ def find_course(strip: Strip, start: EdgeLine | None = None) -> Course:
             "give a region that the edge crosses, with plain areas on both sides",
         )
     return course
+
+
+def without_defects(strip: Strip, course: Course) -> Strip:
+    """The strip without hot and dead pixels: samples that differ from the median of four neighbours along the edge by
+    far more than others at their distance from it do."""
+    n, usable = len(strip.samples), strip.usable
+    padded = np.pad(strip.samples, ((2, 2), (0, 0)), mode="reflect", reflect_type="odd")
+    difference = np.abs(strip.samples - np.median([padded[i : i + n] for i in (0, 1, 3, 4)], axis=0))
+    place = np.clip(np.rint(course.distances(strip)), -NEAR_PX, NEAR_PX).astype(int) + NEAR_PX
+    groups = (difference[usable & (place == i)] for i in range(2 * NEAR_PX + 1))
+    scatter = np.array([1.4826 * np.median(group) if len(group) else 0.0 for group in groups]) + strip.quantisation
+    # near the sharpest edge, a ramp over one pixel, neighbours differ by half its step from row to row
+    ramp = 0.5 * abs(course.mean_slope) * np.ptp(strip.samples) * (np.abs(place - NEAR_PX) < NEAR_PX)
+    defective = usable & (difference > DEFECT * scatter[place] + ramp)
+    few = np.count_nonzero(defective) <= MOST_DEFECTS * np.count_nonzero(usable)
+    return replace(strip, valid=usable & ~defective) if few else strip
 
 
 def _first_line(strip: Strip, start: EdgeLine | None) -> tuple[EdgeLine, bool, float]:

@@ -23,7 +23,7 @@ from procedures.outcome import Outcome, Quantity, Refused, Verdict, checked_type
 from procedures.quality import Diffraction
 from procedures.raw import Plane, PlaneLike, as_plane
 from procedures.slanted_edge.corruptions import corruption_checks, modes_of
-from procedures.slanted_edge.edge_line import NO_EDGE, Course, find_course, tukey
+from procedures.slanted_edge.edge_line import NO_EDGE, Course, find_course, tukey, without_defects
 from procedures.slanted_edge.evidence import examine
 from procedures.slanted_edge.find import EdgeSighting, edge_listed, find_edges
 from procedures.slanted_edge.profile import (
@@ -172,6 +172,7 @@ def measure(strip: Strip, line: EdgeLine | None = None) -> Outcome[EdgeMtf]:
         check_samples(strip)
         course = find_course(strip, line)
         check_clipping(strip, course)
+        strip = without_defects(strip, course)
         course = refine_course(strip, course)
         check_course(strip, course)
         profile, mtf = _through_windows(strip, course)

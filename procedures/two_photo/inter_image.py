@@ -186,9 +186,9 @@ def fit_kernel(
     stride = int(np.clip(np.sqrt(len(samples.y) / (COARSE_SAMPLES * k * k)), 1, 3))
     coarse = samples.kept((samples.rows % stride == 0) & (samples.columns % stride == 0)) if stride > 1 else samples
     fit = _iterated(_first_fit(coarse, image, warp, k), samples, k)
-    away = np.abs(fit.residual)  # beyond noise: an object in front of the wall in one of the photographs
+    away = np.abs(fit.residual)  # beyond noise: hot pixels, or an object in front of the wall in one of the photographs
     clean = fit.samples.kept(away < OUTLIER_SIGMAS * 1.4826 * float(np.median(away)))
-    if len(clean.y) < len(samples.y) - max(10, 1e-3 * len(samples.y)):
+    if len(clean.y) < len(samples.y):
         fit = replace(_iterated(fit, clean, k), outliers=1 - len(clean.y) / len(samples.y))
     return fit
 

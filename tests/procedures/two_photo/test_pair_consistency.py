@@ -58,7 +58,7 @@ def test_a_good_pair_passes(pair: Pair) -> None:
         ("far moved 1", "along one axis"),
         ("far gradient 0.3", "no PSF of light"),
         ("near gradient 0.3", "fine detail has another direction"),
-        ("far smoothed", "except at edges"),
+        ("far smoothed", "denoised"),
         ("far gamma 0.8", "the residual of the far photograph is coarse"),
     ],
 )
