@@ -113,13 +113,10 @@ class Correction:
 
 
 def correct(
-    frame: FrameLike,
-    fields: Mapping[str, PsfField],
-    shifts: Mapping[str, Shift] | None = None,
-    parameters: CorrectionParameters | None = None,
-    progress: Progress = lambda done, all: None,
+    frame: FrameLike, fields: Mapping[str, PsfField], shifts: Mapping[str, Shift] | None = None,
+    parameters: CorrectionParameters | None = None, progress: Progress = lambda done, all: None,
     others: Sequence[FrameLike] = (),
-) -> Outcome[Correction]:
+) -> Outcome[Correction]:  # fmt: skip
     """Correct one photograph or several for the blur of their lens.
 
     Parameters

@@ -169,13 +169,9 @@ def reach_of(w: Array, stacks: Sequence[Masks]) -> int:
 
 
 def _restoration(
-    data: DataTerm,
-    state: joint_descent.DescentState,
-    start: initial_depth.DepthStart,
-    registered: registration.PhotographRegistration,
-    saturated: float,
-    p: RestorationParameters,
-) -> Restoration:
+    data: DataTerm, state: joint_descent.DescentState, start: initial_depth.DepthStart,
+    registered: registration.PhotographRegistration, saturated: float, p: RestorationParameters,
+) -> Restoration:  # fmt: skip
     R, inside = data.R, (slice(data.R, -data.R), slice(data.R, -data.R))
     data.focus(state.w)
     residual = data.residual(state.u)
