@@ -85,13 +85,9 @@ class Burst:
     places: list[BurstRegistration] = field(default_factory=list)
 
     def add(
-        self,
-        frame: RawFrame,
-        noise: Mapping[str, Noise],
-        shifts: Mapping[str, Shift],
-        place: BurstRegistration | None,
-        number: int,
-    ) -> None:
+        self, frame: RawFrame, noise: Mapping[str, Noise], shifts: Mapping[str, Shift],
+        place: BurstRegistration | None, number: int,
+    ) -> None:  # fmt: skip
         """Add a photograph's planes at their positions in whole pixels of the sensor; the rest is a shift."""
         first = next(iter(frame.planes.values()))
         rows, columns = (size * first.pitch for size in first.samples.shape)

@@ -11,7 +11,7 @@ Source: Almeida, Figueiredo, Deconvolving images with unknown boundaries using A
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +22,9 @@ from procedures.correction.steps import agree, differences, divergence, length, 
 
 Single = npt.NDArray[np.float32]
 Spectrum = npt.NDArray[np.complex64]
+
+BALANCE = 0.69
+"""Ratio of lightness to colour of a scene over that of its restored picture."""
 
 
 @dataclass(frozen=True)
@@ -115,6 +118,21 @@ def mean_difference(u: Single, prior: Prior) -> float:
     """Mean length of a picture's differences (C, n, n) in the metric of the prior."""
     M = prior.mixing(len(u)).astype(np.float32)
     return float(length(differences(mixed(M, np.ascontiguousarray(u)), prior.second)).mean())
+
+
+def balanced(prior: Prior, pictures: Sequence[Single]) -> Prior:
+    """The prior with the weight of colour that suits restored pictures (C, n, n): the geometric mean of the usual one
+    and the ratio of their differences of lightness and of colour, which are the smaller by their prior; at most the
+    usual one, as with more edges of grey have darker rims."""
+    if len(pictures[0]) == 1:
+        return prior
+    M, lengths = replace(prior, chroma=1.0).mixing(3).astype(np.float32), []
+    for u in pictures:
+        d = differences(mixed(M, u), prior.second)
+        lengths.append([length(d[:, :1]).mean(), length(d[:, 1:]).mean()])
+    lightness, colour = np.mean(lengths, axis=0)
+    ratio = BALANCE * float(lightness / max(colour, 1e-9))
+    return replace(prior, chroma=float(np.clip(np.sqrt(prior.chroma * ratio), 1.0, prior.chroma)))
 
 
 def _transformed_back(F: Spectrum, n: int) -> Single:

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import islice
 
@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from procedures.correction.burst import Burst, BurstRegistration, gather
 from procedures.correction.checks import check_fields, check_scale, checks_of
-from procedures.correction.deconvolve import DeconvolutionTile, Splitting, deconvolve, mean_difference
+from procedures.correction.deconvolve import DeconvolutionTile, Splitting, balanced, deconvolve, mean_difference
 from procedures.correction.loss import FieldError, field_error
 from procedures.correction.mosaic import Mosaic
 from procedures.correction.noise import Noise, noise_of, with_coding
@@ -113,13 +113,10 @@ class Correction:
 
 
 def correct(
-    frame: FrameLike,
-    fields: Mapping[str, PsfField],
-    shifts: Mapping[str, Shift] | None = None,
-    parameters: CorrectionParameters | None = None,
-    progress: Progress = lambda done, all: None,
+    frame: FrameLike, fields: Mapping[str, PsfField], shifts: Mapping[str, Shift] | None = None,
+    parameters: CorrectionParameters | None = None, progress: Progress = lambda done, all: None,
     others: Sequence[FrameLike] = (),
-) -> Outcome[Correction]:
+) -> Outcome[Correction]:  # fmt: skip
     """Correct one photograph or several for the blur of their lens.
 
     Parameters
@@ -159,11 +156,12 @@ def correct(
     side = p.side or optics.side(mosaic.shape)
     splitting = p.splitting or Splitting.usual(1 + len(further))
     work = _Work(mosaic, optics, TileGrid.over(mosaic.shape, side, optics.ring), p, splitting)
-    difference = work.difference()
+    prior, difference = work.scaled()
+    work = replace(work, how=replace(p, prior=prior))
     picture = work.restored(difference, progress)
     tau = work.tau(difference)
-    prediction = predict(optics, mosaic, p.prior, tau, difference)
-    inputs = optics, mosaic, p.prior, burst.places, burst.resolved, p.scale
+    prediction = predict(optics, mosaic, prior, tau, difference)
+    inputs = optics, mosaic, prior, burst.places, burst.resolved, p.scale
     curve_error = work.curve_error(difference, development) if development and curve_unknown(development) else None
     correction = Correction(picture, noise, tau, difference, side, mosaic.clipped, prediction, *inputs, curve_error)
     return verdict_of([*checks, _smoothed(prediction, p.scale), *_sampled(burst, p.scale)], correction)
@@ -214,17 +212,19 @@ class _Work:
         strength = self.how.prior.strength * TAU[self.how.prior.name] / self.how.scale**2
         return strength * self.mosaic.variance / difference
 
-    def difference(self) -> float:
-        """Mean difference of the picture, from a sample of tiles restored twice."""
+    def scaled(self) -> tuple[Prior, float]:
+        """The prior as balanced for the picture, and its mean difference, from a sample of tiles restored twice."""
         tiles = [self._tile(start) for start in self._sample(SAMPLE_TILES)]
         margin = self.grid.rows.margin
-        estimate = float(np.mean([mean_difference(first, self.how.prior) for _, first in tiles]))
+        prior = self.how.prior
+        estimate = float(np.mean([mean_difference(first, prior) for _, first in tiles]))
         for _ in range(2):
             tau = self.tau(estimate)
-            pictures = [deconvolve(tile, first, self.how.prior, tau, estimate, self.splitting) for tile, first in tiles]
+            pictures = [deconvolve(tile, first, prior, tau, estimate, self.splitting) for tile, first in tiles]
             inner = [np.ascontiguousarray(u[:, margin:-margin, margin:-margin]) for u in pictures]
-            estimate = max(float(np.mean([mean_difference(u, self.how.prior) for u in inner])), 1e-6)
-        return estimate
+            prior = balanced(self.how.prior, inner)
+            estimate = max(float(np.mean([mean_difference(u, prior) for u in inner])), 1e-6)
+        return prior, estimate
 
     def curve_error(self, difference: float, development: Development) -> CurveError:
         """Error of the picture by its tone curve, from a sample of tiles corrected under plausible ones."""

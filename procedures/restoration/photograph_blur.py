@@ -299,12 +299,9 @@ def _estimated(
 
 
 def _of_flat_scene(
-    source: UnknownMotion,
-    max_w: float | None,
-    photographs: Sequence[Array],
-    shape: Size,
+    source: UnknownMotion, max_w: float | None, photographs: Sequence[Array], shape: Size,
     report: Callable[[Finding], object],
-) -> SceneBlur:
+) -> SceneBlur:  # fmt: skip
     if source.kernels:
         motion = given_kernels(source.kernels, len(photographs), source.doubt)
     else:

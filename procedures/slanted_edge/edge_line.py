@@ -84,13 +84,19 @@ def without_defects(strip: Strip, course: Course) -> Strip:
     """The strip without hot and dead pixels: samples that differ from the median of four neighbours along the edge by
     far more than others at their distance from it do."""
     n, usable = len(strip.samples), strip.usable
-    padded = np.pad(strip.samples, ((2, 2), (0, 0)), mode="reflect", reflect_type="odd")
+    padded = np.pad(strip.samples, ((2, 2), (0, 0)), mode="reflect")
     difference = np.abs(strip.samples - np.median([padded[i : i + n] for i in (0, 1, 3, 4)], axis=0))
     place = np.clip(np.rint(course.distances(strip)), -NEAR_PX, NEAR_PX).astype(int) + NEAR_PX
     groups = (difference[usable & (place == i)] for i in range(2 * NEAR_PX + 1))
     scatter = np.array([1.4826 * np.median(group) if len(group) else 0.0 for group in groups]) + strip.quantisation
-    # near the sharpest edge, a ramp over one pixel, neighbours differ by half its step from row to row
-    ramp = 0.5 * abs(course.mean_slope) * np.ptp(strip.samples) * (np.abs(place - NEAR_PX) < NEAR_PX)
+    # near the sharpest edge, a ramp over one pixel, neighbours differ by half its step from row to row; at the ends, where
+    # they all lie on one side, by three times as much
+    ramp = (
+        np.where(np.abs(strip.along) > n / 2 - 2, 1.5, 0.5)[:, None]
+        * abs(course.mean_slope)
+        * np.ptp(strip.samples)
+        * (np.abs(place - NEAR_PX) < NEAR_PX)
+    )
     defective = usable & (difference > DEFECT * scatter[place] + ramp)
     few = np.count_nonzero(defective) <= MOST_DEFECTS * np.count_nonzero(usable)
     return replace(strip, valid=usable & ~defective) if few else strip

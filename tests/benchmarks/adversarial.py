@@ -481,6 +481,16 @@ def ghost(share: float, radius_px: float) -> Corruption:
     return Corruption(light=light, raw=True)
 
 
+def defects(share: float) -> Corruption:
+    """Hot pixels, and half as many dead ones; the truth is the lens's."""
+
+    def process(x: Array, noise: float, rng: Rng) -> Array:
+        place = rng.random(x.shape)
+        return np.where(place < share, rng.uniform(0.3, 1.0, x.shape), np.where(place > 1 - share / 2, 0.0, x))
+
+    return Corruption(process=process, raw=True)
+
+
 CLEAN = Corruption(raw=True)
 CORRUPTIONS: dict[str, Corruption] = {
     "clean": CLEAN,
@@ -527,6 +537,7 @@ CORRUPTIONS: dict[str, Corruption] = {
     "veil 20 % of 15 px": veil(0.2, 15),
     "veil 20 % of 30 px": veil(0.2, 30),
     "ghost 5 % of 3 px": ghost(0.05, 3.0),
+    "hot pixels 0.05 %": defects(0.0005),
 }  # fmt: skip
 
 

@@ -153,13 +153,9 @@ def _unit(v: Array) -> Array:
 
 
 def photograph(
-    lens: Lens,
-    pose: Pose,
-    chart: Chart,
-    noise: float,
-    seed: int,
+    lens: Lens, pose: Pose, chart: Chart, noise: float, seed: int,
     moving: Callable[[Array], tuple[Array, Array]] | None = None,
-) -> Array:
+) -> Array:  # fmt: skip
     """The picture (rows, columns), in fractions of full scale; `moving` gives R (n, 3, 3) and t (n, 3) of rows (n,)."""
     edge = (CELLS + 4 * BLOCK) / 2 * CELL_MM
     along = np.linspace(-edge, edge, 80)

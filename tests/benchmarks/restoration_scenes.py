@@ -119,13 +119,9 @@ def stacks_of(kind: str, seeds: tuple[int, int] = (21, 22)) -> list[MaskStack]:
 
 
 def scene(
-    blur: str,
-    depth: str,
-    noise_db: float | None,
-    seed: int = 1,
-    shape: tuple[int, int] = (200, 240),
+    blur: str, depth: str, noise_db: float | None, seed: int = 1, shape: tuple[int, int] = (200, 240),
     motions: tuple[int, int] = (21, 22),
-) -> Scene:
+) -> Scene:  # fmt: skip
     """One pair. noise_db : noise below the photographs' standard deviation; None is clean but for 16 bits."""
     rng = np.random.default_rng(seed)
     stacks = stacks_of(blur, motions)

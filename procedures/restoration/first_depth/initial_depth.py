@@ -76,13 +76,8 @@ def relative_blur(z1: Array, z2: Array, direction: str = "both") -> tuple[Array,
 
 
 def algorithm_2(
-    z: Array,
-    stacks: Sequence[Masks],
-    sigma: float,
-    *,
-    window: float = 9.0,
-    direction: str = "both",
-) -> DepthStart:
+    z: Array, stacks: Sequence[Masks], sigma: float, *, window: float = 9.0, direction: str = "both",
+) -> DepthStart:  # fmt: skip
     """Depth from symmetric blur: relative blur of two photographs, converted to w by their masks (chapter 7).
 
     Two differences from the published filters remove a bias of up to 0.9 pixel: one low-pass filter for numerator and
@@ -166,15 +161,9 @@ def _extended(z: Array, margin: int) -> tuple[Array, tuple[int, int]]:
 
 @over_frame
 def cost_volume(
-    z: Array,
-    stacks: Sequence[MaskStack],
-    sigmas: Array,
-    levels: Array,
-    window: int,
-    *,
-    whiten: bool = True,
+    z: Array, stacks: Sequence[MaskStack], sigmas: Array, levels: Array, window: int, *, whiten: bool = True,
     even: float = 0.0,
-) -> F32:
+) -> F32:  # fmt: skip
     """Cost of each level at each pixel, (H, W, L), summed over pairs of photographs and channels.
 
     Whitened, each difference z1 * h2 - z2 * h1 is divided by the root of its noise's spectrum

@@ -96,8 +96,7 @@ def conjugate_gradients(
     tolerance: float = 0.0,
 ) -> Array:  # fmt: skip
     """Approximate solution x of A x = gradient, from zero; apply : x -> A x; divide : diagonal preconditioner;
-    iterations : at most; tolerance : of the
-    squared preconditioned gradient, relative to the first, at which it ends."""
+    iterations : at most; tolerance : of the squared preconditioned gradient over the first, at which it ends."""
     x = np.zeros(gradient.shape, gradient.dtype)
     r = gradient.copy()
     plain = np.ndim(divide) == 0 and divide == 1
@@ -120,13 +119,9 @@ def conjugate_gradients(
 
 
 def restore_picture(
-    data: DataTerm,
-    u: Array,
-    weight: float,
-    iterations: int,
-    diffusion: tuple[Array | float, Array | float] = (1.0, 1.0),
-    divide: Array | float = 1.0,
-) -> Array:
+    data: DataTerm, u: Array, weight: float, iterations: int,
+    diffusion: tuple[Array | float, Array | float] = (1.0, 1.0), divide: Array | float = 1.0,
+) -> Array:  # fmt: skip
     """The picture of minimal cost at the data term's depth: conjugate gradients from u (6.6); `diffusion` : weights of
     the prior."""
 

@@ -54,15 +54,9 @@ class Layers:
 
 
 def layers_of(
-    w: Array,
-    labels: Labels,
-    reach: int,
-    doubt: int,
-    jump: float = JUMP_PX,
-    rank: int = 1,
-    where: Mask | None = None,
-    valid: Mask | None = None,
-) -> Layers:
+    w: Array, labels: Labels, reach: int, doubt: int, jump: float = JUMP_PX, rank: int = 1,
+    where: Mask | None = None, valid: Mask | None = None,
+) -> Layers:  # fmt: skip
     """Layers within `reach` of every border between segments: the pixel's surface and its neighbour's.
 
     Depths within `doubt` pixels of a border are ignored. rank : 1 for the nearest neighbour, 2 for the next, which may
@@ -182,16 +176,9 @@ def _share_step(
 
 
 def place_steps(
-    high: DataTerm,
-    low: DataTerm,
-    u: Array,
-    w: Array,
-    labels: Labels,
-    layers: Layers,
-    weight: float,
-    decided: float = 1.0,
-    effort: Effort = FULL,
-) -> tuple[Array, Array, Labels]:
+    high: DataTerm, low: DataTerm, u: Array, w: Array, labels: Labels, layers: Layers, weight: float,
+    decided: float = 1.0, effort: Effort = FULL,
+) -> tuple[Array, Array, Labels]:  # fmt: skip
     """Picture, depth and segments with depth edges at the border of the median-filtered share, or of the share where
     `decided`."""
     if not layers.band.any():

@@ -23,6 +23,7 @@ from procedures.restoration.joint.picture_error import error_map, noise_upper_bo
 from procedures.restoration.joint.result import Restoration, RestorationDiagnostics
 from procedures.restoration.joint.schedule import Schedule, Scheme
 from procedures.restoration.masks import checks
+from procedures.restoration.masks.array_loops import kept_memory
 from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.masks.mask_fields import MaskField, Masks, half_size_at, one_grid
 
@@ -116,6 +117,7 @@ def restore(
     return judge(restoration_of(photographs, stacks, parameters, progress))
 
 
+@kept_memory()
 def restoration_of(
     photographs: Sequence[PlaneLike],
     stacks: Sequence[Masks],
@@ -146,17 +148,11 @@ def restoration_of(
         p.scheme.rounds, p.image_weight, p.depth_weight, not p.depth_total_variation, p.least_image_weight
     )
     data, other = joint_descent.problem_of(z, fields, trust, p.dtype, MaskField.blur)
+    misfit = ~binary_erosion(np.pad(start.trusted, data.R), iterations=2, border_value=1)  # with a margin
     problem = joint_descent.JointProblem(
-        data,
-        other,
-        p.scheme,
-        schedule,
-        sigma,
-        reach_of(start.w, stacks),
-        p.total_variation,
-        p.depth_total_variation,
-        ~binary_erosion(np.pad(start.trusted, data.R), iterations=2, border_value=1),  # with a margin
-    )
+        data, other, p.scheme, schedule, sigma, reach_of(start.w, stacks), p.total_variation, p.depth_total_variation,
+        misfit,
+    )  # fmt: skip
     descend = joint_descent.run if p.flat_w is None else joint_descent.picture_alone
     state = descend(problem, joint_descent.begin(problem, start.w), progress)
     return _restoration(data, state, start, registered, saturated, p)
@@ -173,13 +169,9 @@ def reach_of(w: Array, stacks: Sequence[Masks]) -> int:
 
 
 def _restoration(
-    data: DataTerm,
-    state: joint_descent.DescentState,
-    start: initial_depth.DepthStart,
-    registered: registration.PhotographRegistration,
-    saturated: float,
-    p: RestorationParameters,
-) -> Restoration:
+    data: DataTerm, state: joint_descent.DescentState, start: initial_depth.DepthStart,
+    registered: registration.PhotographRegistration, saturated: float, p: RestorationParameters,
+) -> Restoration:  # fmt: skip
     R, inside = data.R, (slice(data.R, -data.R), slice(data.R, -data.R))
     data.focus(state.w)
     residual = data.residual(state.u)
@@ -198,8 +190,7 @@ def _restoration(
     downhill = data.blur_adjoint(residual)[:, R:-R, R:-R].astype(np.float64)
     weights = np.maximum(effective_weights(sharp.astype(np.float64), downhill), last.picture)
     error = picture_error(
-        masks, np.quantile(w, joint_descent.DECILES), weights, residual, sharp, noise, freedom,
-        as_restored=p.least_image_weight > 0,
+        masks, w, weights, residual, sharp, noise, freedom, as_restored=p.least_image_weight > 0
     )  # fmt: skip
     # where something moved, neither w nor the picture is known
     occlusion = Occlusion(np.zeros(w.shape, bool), np.zeros(w.shape)) if flat else occlusion_of(w, masks)

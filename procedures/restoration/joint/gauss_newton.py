@@ -37,15 +37,10 @@ class PriorWeights:
 
 
 def joint_step(
-    data: DataTerm,
-    u: Array,
-    w: Array,
-    weights: PriorWeights,
-    iterations: int,
+    data: DataTerm, u: Array, w: Array, weights: PriorWeights, iterations: int,
     diffusion: tuple[Array | float, Array | float] = (1.0, 1.0),
-    edges: tuple[Array | float, Array | float] = (1.0, 1.0),
-    active: Mask | None = None,
-) -> tuple[Array, Array]:
+    edges: tuple[Array | float, Array | float] = (1.0, 1.0), active: Mask | None = None,
+) -> tuple[Array, Array]:  # fmt: skip
     """Picture (C, H + 2R, W + 2R) and depth after one Gauss-Newton step by conjugate gradients; `diffusion`, `edges` :
     the priors' weights on differences; active : (H + 2R, W + 2R), pixels that may change, if not all."""
     data.focus(w)

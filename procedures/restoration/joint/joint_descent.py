@@ -19,6 +19,7 @@ from procedures.restoration.joint.data_term import DataTerm, restore_picture
 from procedures.restoration.joint.depth_edges import FULL, Effort, layers_of, place_steps
 from procedures.restoration.joint.gauss_newton import PriorWeights, joint_step
 from procedures.restoration.joint.noise_and_contrast import (
+    DECILES,
     band_powers,
     depth_freedom,
     effective_weights,
@@ -40,8 +41,6 @@ from procedures.restoration.masks.blur_operator import Array, BlurOperator
 
 CONTRAST = 0.013
 """Mean squared gradient of textured scenes, white = 1: assumed until a picture is restored."""
-DECILES = (0.1, 0.3, 0.5, 0.7, 0.9)
-"""Quantiles at the centres of five equal parts of the distribution of w."""
 
 
 STRONG, YIELDING, MOST_LEFT = 0.2, 5.0, 2.0
@@ -345,14 +344,9 @@ def reliable_segments(labels: Labels, wrong: Mask) -> Labels:
 
 
 def restarted(
-    data: DataTerm,
-    other: DataTerm,
-    old: RegionAttempt,
-    wrong: Mask,
-    reach: int,
-    weight: float,
+    data: DataTerm, other: DataTerm, old: RegionAttempt, wrong: Mask, reach: int, weight: float,
     iterations: int = FULL.iterations,
-) -> RegionAttempt:
+) -> RegionAttempt:  # fmt: skip
     """The pair with its wrong regions restarted, edges localised within `reach`; the terms remain focused elsewhere."""
     soft = max(weight, SOFT)
     labels = reliable_segments(old.labels, wrong)
@@ -378,14 +372,9 @@ def better_of(data: DataTerm, old: RegionAttempt, new: RegionAttempt, wrong: Mas
 
 
 def restart(
-    data: DataTerm,
-    other: DataTerm,
-    old: RegionAttempt,
-    reach: int,
-    weight: float,
-    onward: Callable[[RegionAttempt, Mask | None], RegionAttempt],
-    iterations: int = FULL.iterations,
-) -> RegionAttempt:
+    data: DataTerm, other: DataTerm, old: RegionAttempt, reach: int, weight: float,
+    onward: Callable[[RegionAttempt, Mask | None], RegionAttempt], iterations: int = FULL.iterations,
+) -> RegionAttempt:  # fmt: skip
     """The pair after some rounds, with regions restarted where that lowers the residual; onward : those rounds, of all
     pixels or of those near the regions.
 
@@ -393,9 +382,9 @@ def restart(
     """
     data.focus(old.w)
     wrong = unexplained(data, old.u)
-    if not wrong.any():
-        return onward(old, None)
     old = onward(old, None)
+    if not wrong.any():
+        return old
     new = restarted(data, other, old, wrong, reach, weight, iterations)
     around = maximum_filter(wrong, 2 * data.R + 1)
     return better_of(data, old, onward(new, around), wrong)

@@ -5,17 +5,22 @@ frequencies where the weight decides between them.
 """
 
 from dataclasses import dataclass
+from functools import cache
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import fft2
 from scipy.ndimage import map_coordinates
 
 from procedures.restoration.joint.data_term import DataTerm
 from procedures.restoration.joint.gauss_newton import PriorWeights
 from procedures.restoration.joint.priors import diffuse
+from procedures.restoration.masks.array_loops import most_threads
 from procedures.restoration.masks.blur_operator import Array, MaskStack
 
+DECILES = (0.1, 0.3, 0.5, 0.7, 0.9)
+"""Quantiles at the centres of five equal parts of the distribution of w."""
 SIZE = 64
 """Frequencies along each axis at which transfer functions are averaged; larger than the masks."""
 DETERMINED = 1 / 6
@@ -40,14 +45,9 @@ class Moments:
 
 
 def moments(
-    stacks: list[MaskStack],
-    depths: Array,
-    weights: Array,
-    residual: Array,
-    gradient: Array,
-    fitted: float = 0.0,
+    stacks: list[MaskStack], depths: Array, weights: Array, residual: Array, gradient: Array, fitted: float = 0.0,
     least_noise: float = 1e-5,
-) -> Moments:
+) -> Moments:  # fmt: skip
     """Noise and contrast estimated from a restoration.
 
     depths : w of equal parts of the frame; weights : effective weights of the quadratic prior in every band, see
@@ -116,7 +116,7 @@ def _spectra(images: Array) -> NDArray[np.complex128]:
     window = np.outer(*(np.hanning(n + 2)[1:-1] for n in images.shape[-2:]))
     window /= np.sqrt(np.sum(window**2))
     level = np.sum(images * window, axis=(-2, -1), keepdims=True) / window.sum()
-    return np.asarray(np.fft.fft2((images - level) * window))
+    return np.asarray(fft2((images - level) * window, workers=most_threads()))
 
 
 SECTORS = 4
@@ -125,48 +125,37 @@ SECTORS = 4
 
 @dataclass(frozen=True, eq=False)
 class TilePowers:
-    """Mean power of images in tiles (rows, columns) of a frame at `centres`, for every band and sector, (Y, X, B, A).
+    """Power of images at every frequency, (Y, X, SIZE, SIZE), of tiles of a frame (H, W) at `centres`."""
 
-    share : (B, A) number of frequencies; frame : (H, W).
-    """
-
-    mean: Array
-    share: NDArray[np.intp]
+    powers: NDArray[np.float32]
     centres: tuple[NDArray[np.intp], NDArray[np.intp]]
     frame: tuple[int, int]
-
-    def of(self, band: int, sector: int | None = None) -> Array:
-        """Mean power (Y, X) in a band, or in one of its sectors."""
-        if sector is not None:
-            return np.asarray(self.mean[:, :, band, sector])
-        return np.asarray(self.mean[:, :, band] @ self.share[band] / self.share[band].sum())
 
     def over_frame(self, values: Array) -> Array:
         """Values of the tiles (Y, X), interpolated over the frame, (H, W)."""
         at = [np.interp(np.arange(n), c, np.arange(len(c))) for n, c in zip(self.frame, self.centres, strict=True)]
         return np.asarray(map_coordinates(values, np.meshgrid(*at, indexing="ij"), order=1))
 
+    def nearest(self, values: Array, levels: Array) -> NDArray[np.intp]:
+        """Index (Y, X) of the level nearest to the values (H, W) at the tiles' centres."""
+        at = (np.minimum(c, n - 1) for c, n in zip(self.centres, self.frame, strict=True))
+        return np.asarray(np.abs(values[np.ix_(*at)][..., None] - levels).argmin(axis=-1))
+
 
 def tile_powers(*images: Array) -> TilePowers:
     """Sum of the powers of images (..., H, W), over overlapping tiles: a window over the whole frame would weigh its
     middle more."""
     frame = (images[0].shape[-2], images[0].shape[-1])
-    tile = (min(SIZE, frame[0]), min(SIZE, frame[1]))
-    starts = [np.linspace(0, n, 1 + -(-2 * n // side)).astype(np.intp) for n, side in zip(frame, tile, strict=True)]
-    index = rings_of(tile) * SECTORS + sectors_of(tile)
-    where, cells = index >= 0, BANDS * SECTORS
-    share = np.bincount(index[where], minlength=cells)
-    mean = np.zeros((len(starts[0]), len(starts[1]), cells))
+    starts = [np.linspace(0, n, 1 + -(-2 * n // SIZE)).astype(np.intp) for n in frame]
+    powers = np.zeros((len(starts[0]), len(starts[1]), SIZE, SIZE), np.float32)
     for image in images:
         # mirrored beyond the frame, so that all of it weighs the same
-        rim = [((n + 1) // 2, (n + 1) // 2) for n in tile]
+        rim = [(SIZE // 2, SIZE // 2)] * 2
         wide = np.pad(image.astype(np.float64), [(0, 0)] * (image.ndim - 2) + rim, mode="symmetric")
         for (i, y), (j, x) in product(*(enumerate(along) for along in starts)):
-            spectra = np.abs(_spectra(wide[..., y : y + tile[0], x : x + tile[1]])) ** 2
-            power = spectra.reshape(-1, *tile).mean(axis=0)
-            mean[i, j] += np.bincount(index[where], power[where], cells) / np.maximum(share, 1)
-    shape = (BANDS, SECTORS)
-    return TilePowers(mean.reshape(*mean.shape[:2], *shape), share.reshape(shape), (starts[0], starts[1]), frame)
+            spectra = np.abs(_spectra(wide[..., y : y + SIZE, x : x + SIZE])) ** 2
+            powers[i, j] += spectra.reshape(-1, SIZE, SIZE).mean(axis=0)
+    return TilePowers(powers, (starts[0], starts[1]), frame)
 
 
 def effective_weights(u: Array, downhill: Array) -> Array:
@@ -181,6 +170,7 @@ def gradient_powers(u: Array) -> Array:
     return band_powers(np.diff(u, axis=-2)) + band_powers(np.diff(u, axis=-1))
 
 
+@cache
 def rings_of(shape: tuple[int, int]) -> NDArray[np.intp]:
     """The band of every frequency; -1 for the lowest ones, which depend on the frame's rim."""
     down, across = (np.fft.fftfreq(n) for n in shape)

@@ -5,7 +5,7 @@ photographs contradict each other is observed, and the part in which they agree 
 picture.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,10 @@ from scipy.optimize import nnls
 
 from procedures.restoration.joint.noise_and_contrast import (
     BANDS,
+    DECILES,
+    SECTORS,
     SIZE,
+    laplacian,
     responses,
     rings_of,
     sectors_of,
@@ -33,8 +36,14 @@ NOISE, MISMATCH, DETAIL = "noise", "shapes", "detail"
 """Terms of the budget."""
 
 
-UNSURE, VARIED = 0.1, 0.5
-"""Relative errors of the amplified noise in a sector of frequencies, and of the band's contrast as the sector's."""
+FALLS, VARIED, LEAST = 0.78, 0.5, 0.03
+"""Squared gradient in a band relative to that in the band below: its mean over 22 photographs, its relative standard
+deviation in a tile or frame, and its smallest value."""
+COSINES, CORRELATED, OVERLAP = (1 / 6, 2 / 3, 1 / 6), 7.6, 2.0
+"""Power of a window of cosines at its lowest frequencies; the variance of a mean power under it, relative to that of
+independent frequencies, as half are conjugates and neighbours are correlated by 2/3; tiles for each independent one."""
+STEPS = 8
+"""Steps of scoring towards the largest likelihood."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,12 +80,12 @@ class PictureError:
 
 
 def picture_error(
-    stacks: list[MaskStack], depths: Array, weights: Array, residual: Array, sharp: Array, sigma: float,
+    stacks: list[MaskStack], w: Array, weights: Array, residual: Array, sharp: Array, sigma: float,
     fitted: float = 0.0, *, as_restored: bool = False,
 ) -> PictureError:  # fmt: skip
     """The expected error of a picture (C, H, W) with the given `residual` (P, C, H, W).
 
-    depths : w of equal parts of the frame; weights : effective weights of the prior in every band, see
+    w : (H, W) depth; weights : effective weights of the prior in every band, see
     `effective_weights`; sigma : noise of the photographs, what exceeds it is a disagreement; fitted : noise fitted by
     the depth; as_restored : X is that of the restored picture, for estimated masks, which share a part with the picture
     and make it too sharp.
@@ -84,57 +93,75 @@ def picture_error(
     Where masks pass S = sum |H|^2 and the prior is L, the picture errs by (S N + (weight L)^2 X) / (S + weight L)^2: N
     the power of one photograph's residual from masks and noise, X that of the picture. The residual holds P - 1 of P
     parts of N and a part suppressed by the prior, the restored picture the rest of X and amplified noise (`separated`).
-    N is estimated for the frame, X for each tile of it and each direction of frequencies. The best weight for N leaves
-    1 / (S / N + 1 / X).
+    N is estimated for the frame, X for each tile of it and each direction of frequencies, as a band's resembles that of
+    the band below, with the masks at the tile's w. The best weight for N leaves 1 / (S / N + 1 / X).
     """
-    wide = np.pad(sharp, ((0, 0), (0, 1), (0, 1)), mode="edge")
-    power, slopes = tile_powers(residual), tile_powers(np.diff(wide, axis=1)[..., :-1], np.diff(wide, axis=2)[:, :-1])
+    rim = stacks[0].R  # determined by part of the light, with less noise
+    inside = (..., slice(rim, -rim), slice(rim, -rim))
+    slopes = tile_powers(*(np.diff(sharp, axis=n, append=sharp.take([-1], axis=n))[inside] for n in (1, 2)))
     rings, sectors, count = rings_of((SIZE, SIZE)), sectors_of((SIZE, SIZE)), len(stacks)
-    each = [(*responses(stacks, float(w)), responses_of_best(stacks, float(w))) for w in depths]
-    noisy, blurred, lost, bands = 0.0, 0.0, np.zeros(slopes.mean.shape[:2]), []
+    depths = np.quantile(w, DECILES)
+    S, L = np.stack([responses(stacks, float(depth))[0] for depth in depths]), laplacian()
+    noises, left, steep = np.zeros(BANDS), tile_powers(residual[inside]).powers, slopes.powers
     for band in range(BANDS):
-        weight, frame = weights[band], [part.of(band).mean() for part in (power, slopes)]
-        S, L, best = _within(each, rings == band)
-        noise, _ = separated([(S, L)], weight, count, fitted, count * frame[0], frame[1], fixed=as_restored)
-        noisy += noise * np.sum(S / (S + weight * L + 1e-12) ** 2)
-        whole, _ = _contrast(S, L, weight, slopes.of(band), 0.0 if as_restored else noise)
-        bands.append((noise, float(whole.mean()), S, L))
-        blurred += float(whole.mean()) * np.sum((1 - np.sqrt(best)) ** 2 / L)
-        for sector in np.unique(sectors):
-            S, L, _ = _within(each, (rings == band) & (sectors == sector))
-            contrast, unsure = _contrast(S, L, weight, slopes.of(band, sector), 0.0 if as_restored else noise)
-            # where amplified noise hides a sector's contrast, that of the band is taken
-            known = (VARIED * whole) ** 2 / ((VARIED * whole) ** 2 + (unsure + UNSURE * contrast) ** 2 + 1e-30)
-            lost += (known * contrast + (1 - known) * whole) * np.sum((weight * L / (S + weight * L + 1e-12)) ** 2 / L)
-    total = len(depths) * np.sum(rings >= 0)
-    random = min(1.0, sigma**2 * total / max(sum(noise * S.size for noise, _, S, _ in bands), 1e-30))
-    now, then = (
-        sum(np.sum(1 / (S / (part * noise + 1e-30) + L / (X + 1e-30) + 1e-30)) for noise, X, S, L in bands)
-        for part in (1.0, 1 - 0.75 * random)
-    )
+        powers = (float(part[..., rings == band].mean()) for part in (count * left, steep))
+        parts = [(s[rings == band], L[rings == band]) for s in S]
+        noises[band], _ = separated(parts, weights[band], count, fitted, *powers, fixed=as_restored)
+    noise, weight = noises[rings], weights[rings]
+    whole = S + weight * L + 1e-12
+    passed, amplified = _windowed((S / whole) ** 2), _windowed(noise * S * L / whole**2)
+    if as_restored:
+        passed, amplified = np.ones_like(S), np.zeros_like(S)
+    suppressed, nearest = weight**2 * L / whole**2, slopes.nearest(w[inside], depths)
+    lost, X = np.zeros(steep.shape[:2]), np.zeros_like(L)
+    for sector in range(SECTORS):
+        contrast = steep[..., (rings == 0) & (sectors == sector)].mean(axis=-1)
+        for band in range(BANDS):
+            where = (rings == band) & (sectors == sector)
+            contrast = _contrasts(contrast, steep[..., where], passed[:, where][nearest], amplified[:, where][nearest])
+            lost += contrast * suppressed[:, where].sum(axis=1)[nearest]
+            X[where] = contrast.mean()
+    used = rings >= 0
+    S, L, X, noise, whole = S[:, used], L[used], X[used] + 1e-30, noise[used] + 1e-30, whole[:, used]
+    best = np.stack([_of_best(stacks, float(depth))[used] for depth in depths])
+    random = min(1.0, sigma**2 / float(noise.mean()))
+    now, then = (np.sum(1 / (S / (part * noise) + L / X)) for part in (1.0, 1 - 0.75 * random))
+    lost = np.pad(np.sqrt(slopes.over_frame(lost / used.sum())), rim, mode="edge")
     return PictureError(
-        float(np.sqrt(noisy / total)), np.sqrt(slopes.over_frame(lost / total)), float(np.sqrt(blurred / total)),
-        random, float(np.sqrt(then / max(now, 1e-30))),
+        float(np.sqrt(np.mean(noise * S / whole**2))), lost,
+        float(np.sqrt(np.mean(X * (1 - np.sqrt(best)) ** 2 / L))), random, float(np.sqrt(then / now)),
     )  # fmt: skip
 
 
-def _within(spectra: Sequence[tuple[Array, ...]], where: Array) -> tuple[Array, ...]:
-    """The spectra of all depths at some frequencies."""
-    return tuple(np.concatenate([spectrum[where] for spectrum in kind]) for kind in zip(*spectra, strict=True))
+def _windowed(spectra: Array) -> Array:
+    """Power spectra (..., SIZE, SIZE) as those of images under a window of cosines."""
+    return np.asarray(convolve1d(convolve1d(spectra, COSINES, -2, mode="wrap"), COSINES, -1, mode="wrap"))
 
 
-def _contrast(S: Array, L: Array, weight: float, slopes: Array, noise: float) -> tuple[Array, float]:
-    """Squared gradient of the sharp picture in each tile, from that of the restored one, and its uncertainty by noise
-    of the given power, which the restoration has amplified; for power 0 that of the restored picture."""
-    if noise == 0:
-        return slopes, 0.0
-    kept = S / (S + weight * L + 1e-12)
-    passed = float(np.mean(kept**2)) + 1e-12
-    amplified = noise * float(np.mean(L * kept / (S + weight * L + 1e-12))) / passed
-    return np.maximum(slopes / passed - amplified, 0.0), UNSURE * amplified
+def _contrasts(below: Array, powers: Array, passed: Array, amplified: Array) -> Array:
+    """Squared gradient of the sharp picture in each tile (Y, X) at some frequencies, from powers of the restored
+    gradient (Y, X, n), whose expectation is X passed + amplified; below : that of the band below."""
+    usual = FALLS * below.mean() + 1e-30
+    frame = _likeliest(usual, powers.ravel(), passed.ravel(), amplified.ravel(), OVERLAP)
+    tiles = _likeliest(FALLS * below * (frame / usual), powers, passed, amplified, 1.0)
+    return np.asarray(tiles * (frame / (tiles.mean() + 1e-30)))
 
 
-def responses_of_best(stacks: list[MaskStack], w: float) -> Array:
+def _likeliest(expected: Array, powers: Array, passed: Array, amplified: Array, overlap: float) -> Array:
+    """X of the largest likelihood of powers (..., n), which are exponentially distributed about X passed + amplified,
+    drawn to an expected X (...) by the variances of both."""
+    X = expected
+    for _ in range(STEPS):
+        mean = X[..., None] * passed + amplified + 1e-30
+        share = passed / mean**2
+        information = np.sum(share * passed, axis=-1) + 1e-30
+        likely = X + np.sum(share * (powers - mean), axis=-1) / information
+        known = 1 / (1 + CORRELATED * overlap / information / ((VARIED * expected) ** 2 + 1e-30))
+        X = np.maximum(expected + known * (likely - expected), LEAST * expected)
+    return np.asarray(X)
+
+
+def _of_best(stacks: list[MaskStack], w: float) -> Array:
     """Squared transfer function of the mask that blurs least."""
     each = [responses([stack], w)[0] for stack in stacks]
     return np.minimum(max(each, key=lambda one: float(one.mean())), 1.0)

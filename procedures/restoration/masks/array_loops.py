@@ -1,6 +1,10 @@
 """Single-pass loops over arrays, where NumPy would take one pass per operation; threads for large work."""
 
-from collections.abc import Callable, Iterable
+import ctypes
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from functools import partial
 from itertools import pairwise
 from threading import Thread
 from typing import Any
@@ -17,6 +21,12 @@ NUMBERS_PER_THREAD = 20_000_000
 """Numbers per thread: work of some milliseconds, for which starting a thread pays off."""
 
 
+TRIM_THRESHOLD, MMAP_THRESHOLD, MMAP_MAX = -1, -3, -4
+"""Options of glibc's mallopt."""
+PASSES = 40
+"""Numbers for each number of a loop that is bound by memory."""
+
+
 def most_threads() -> int:
     """Threads that the calling thread may use: numba's number, which parallel workers set to one."""
     return int(numba.get_num_threads())
@@ -24,7 +34,7 @@ def most_threads() -> int:
 
 def in_bands(work: Callable[[int, int], object], limits: Iterable[int]) -> None:
     """Run work(top, bottom) between all neighbouring limits, one thread each; `work` must release the interpreter."""
-    first, *others = pairwise(int(limit) for limit in limits)
+    first, *others = pairwise(limits)
     threads = [Thread(target=work, args=band) for band in others]
     for thread in threads:
         thread.start()
@@ -33,14 +43,38 @@ def in_bands(work: Callable[[int, int], object], limits: Iterable[int]) -> None:
         thread.join()
 
 
+@contextmanager
+def kept_memory() -> Iterator[None]:
+    """Context in which the memory of freed arrays serves the next ones: glibc returns that of large arrays to the
+    system, and each new page of a fresh array then costs a fault."""
+    library = ctypes.CDLL(None) if sys.platform == "linux" else None
+    mallopt, trim = (getattr(library, name, lambda *options: 0) for name in ("mallopt", "malloc_trim"))
+    mallopt(MMAP_MAX, 0)
+    mallopt(TRIM_THRESHOLD, -1)
+    try:
+        yield
+    finally:
+        for option, value in ((MMAP_MAX, 65536), (MMAP_THRESHOLD, 2**25), (TRIM_THRESHOLD, 2**26)):
+            mallopt(option, value)
+        trim(0)
+
+
+def bands_of(rows: int, numbers: int) -> list[int]:
+    """Limits of bands of rows for an amount of work."""
+    count = min(max(numbers // NUMBERS_PER_THREAD, 1), most_threads())
+    return [rows * k // count for k in range(count + 1)]
+
+
 def advance(x: Array, r: Array, p: Array, q: Array, step: float) -> None:
     """x + step p and r - step q, in place; contiguous arrays of one shape."""
-    _advance(x.ravel(), r.ravel(), p.ravel(), q.ravel(), x.dtype.type(step))
+    at = (x.ravel(), r.ravel(), p.ravel(), q.ravel(), x.dtype.type(step))
+    in_bands(partial(_advance, *at), bands_of(x.size, PASSES * x.size))
 
 
 def turn(p: Array, y: Array, part: float) -> None:
     """part p + y in place of p."""
-    _turn(p.ravel(), y.ravel(), p.dtype.type(part))
+    at = (p.ravel(), y.ravel(), p.dtype.type(part))
+    in_bands(partial(_turn, *at), bands_of(p.size, PASSES * p.size))
 
 
 def add_diffusion(
@@ -49,18 +83,19 @@ def add_diffusion(
     """Add weight times -div(g grad x) of (6.3) to out; x : (..., H, W); down, across : g of differences, or of all."""
     flat = (-1, *x.shape[-2:])
     g, h = _rows(down, x.shape[-1], x.dtype), _rows(across, x.shape[-1] - 1, x.dtype)
-    _add_diffusion(out.reshape(flat), x.reshape(flat), x.dtype.type(weight), g, h)
+    at = (out.reshape(flat), x.reshape(flat), x.dtype.type(weight), g, h)
+    in_bands(partial(_add_diffusion, *at), bands_of(x.shape[-2], PASSES * x.size))
 
 
 def add_bending(out: Array, x: Array, weight: float, down: Array | float, across: Array | float) -> None:
     """Add weight times the gradient of half the weighted sum of x's squared second differences.
 
-    Along both axes and, with factor two, mixed: for constant weights, the Laplacian squared. out, x : (H, W),
-    contiguous;
+    Along both axes and, with factor two, mixed: for constant weights, the Laplacian squared. out, x : (H, W);
     down, across : weights of differences as for `add_diffusion`; a second difference has the smallest of its weights.
     """
     g, h = _every_row(down, x), _every_row(across, x[:, 1:])
-    _add_bending(out, x, x.dtype.type(weight), g[: len(x) - 1], h)
+    at = (out, x, x.dtype.type(weight), g[: len(x) - 1], h)
+    in_bands(partial(_add_bending, *at), bands_of(len(x), 2 * PASSES * x.size))
 
 
 def gaussian(a: Array, sigma: float, truncate: float) -> Array:
@@ -68,11 +103,13 @@ def gaussian(a: Array, sigma: float, truncate: float) -> Array:
     reach = int(truncate * sigma + 0.5)
     half = np.exp(-0.5 * (np.arange(reach + 1) / sigma) ** 2)
     half = (half / (2 * half.sum() - 1)).astype(a.dtype)
-    a, down, across = np.ascontiguousarray(a), np.empty(a.shape, a.dtype), np.empty(a.shape, a.dtype)
-    limits = np.linspace(0, len(a), 1 + int(np.clip(a.size * reach // NUMBERS_PER_THREAD, 1, most_threads())))
-    in_bands(lambda top, bottom: _window_down(a, half, down, top, bottom), limits)
-    in_bands(lambda top, bottom: _window_across(down, half, across, top, bottom), limits)
-    return across
+    for _ in range(2):  # down, and across
+        wide = np.ascontiguousarray(a)
+        out = np.empty_like(wide)
+        at = (wide, half, out)
+        in_bands(partial(_window_down, *at), bands_of(len(wide), wide.size * reach))
+        a = out.T
+    return a
 
 
 def _rows(weights: Array | float, width: int, dtype: Any) -> Array:
@@ -86,23 +123,23 @@ def _every_row(weights: Array | float, like: Array) -> Array:
 
 
 @jitted(fastmath=True, nogil=True)
-def _advance(x: Array, r: Array, p: Array, q: Array, step: Any) -> None:
-    for n in range(x.size):
+def _advance(x: Array, r: Array, p: Array, q: Array, step: Any, top: int, bottom: int) -> None:
+    for n in range(top, bottom):
         x[n] += step * p[n]
         r[n] -= step * q[n]
 
 
 @jitted(fastmath=True, nogil=True)
-def _turn(p: Array, y: Array, part: Any) -> None:
-    for n in range(p.size):
+def _turn(p: Array, y: Array, part: Any, top: int, bottom: int) -> None:
+    for n in range(top, bottom):
         p[n] = part * p[n] + y[n]
 
 
 @jitted(fastmath=True, nogil=True)
-def _add_diffusion(out: Array, x: Array, weight: Any, down: Array, across: Array) -> None:
+def _add_diffusion(out: Array, x: Array, weight: Any, down: Array, across: Array, top: int, bottom: int) -> None:
     channels, height, width = x.shape
     for c in range(channels):
-        for i in range(height):
+        for i in range(top, bottom):
             row, to = x[c, i], out[c, i]
             for k in (i - 1, i + 1):
                 if 0 <= k < height:
@@ -117,10 +154,14 @@ def _add_diffusion(out: Array, x: Array, weight: Any, down: Array, across: Array
 
 
 @jitted(fastmath=True, nogil=True)
-def _add_bending(out: Array, x: Array, weight: Any, down: Array, across: Array) -> None:
+def _add_bending(out: Array, x: Array, weight: Any, down: Array, across: Array, top: int, bottom: int) -> None:
     height, width = x.shape
-    two, e = x.dtype.type(2), np.zeros(width + 1, x.dtype)  # a row at a time, so that loops are vectorised
-    for i in range(height):
+    one, two, e = (
+        x.dtype.type(1),
+        x.dtype.type(2),
+        np.zeros(width + 1, x.dtype),
+    )  # a row at a time, so that loops are vectorised
+    for i in range(top, bottom):
         row, to, g = x[i], out[i], across[i]
         e[0] = e[width - 1] = 0
         for j in range(1, width - 1):
@@ -128,25 +169,27 @@ def _add_bending(out: Array, x: Array, weight: Any, down: Array, across: Array) 
         to[0] += e[1]
         for j in range(1, width):
             to[j] += e[j - 1] - two * e[j] + e[j + 1]
-    for i in range(1, height - 1):
+    for i in range(max(top - 1, 1), min(bottom + 1, height - 1)):
         above, row, below, upper, lower = x[i - 1], x[i], x[i + 1], down[i - 1], down[i]
         for j in range(width):
             e[j] = weight * min(upper[j], lower[j]) * (above[j] - two * row[j] + below[j])
-        over, to, under = out[i - 1], out[i], out[i + 1]
-        for j in range(width):
-            over[j] += e[j]
-            to[j] -= two * e[j]
-            under[j] += e[j]
-    for i in range(height - 1):
+        for k, part in ((i - 1, one), (i, -two), (i + 1, one)):
+            if top <= k < bottom:
+                to = out[k]
+                for j in range(width):
+                    to[j] += part * e[j]
+    for i in range(max(top - 1, 0), min(bottom, height - 1)):
         row, below, upper, left, lower = x[i], x[i + 1], down[i], across[i], across[i + 1]
         for j in range(width - 1):
             g = min(min(upper[j], upper[j + 1]), min(left[j], lower[j]))
             e[j] = two * weight * g * (row[j] - row[j + 1] - below[j] + below[j + 1])
         e[width - 1] = 0
-        for to, sign in ((out[i], x.dtype.type(1)), (out[i + 1], x.dtype.type(-1))):
-            to[0] += sign * e[0]
-            for j in range(1, width):
-                to[j] += sign * (e[j] - e[j - 1])
+        for k, sign in ((i, one), (i + 1, -one)):
+            if top <= k < bottom:
+                to = out[k]
+                to[0] += sign * e[0]
+                for j in range(1, width):
+                    to[j] += sign * (e[j] - e[j - 1])
 
 
 @jitted(fastmath=True, nogil=True)
@@ -160,20 +203,3 @@ def _window_down(a: Array, half: Array, out: Array, top: int, bottom: int) -> No
             part, above, below = half[t], a[max(i - t, 0)], a[min(i + t, height - 1)]
             for j in range(width):
                 row[j] += part * (above[j] + below[j])
-
-
-@jitted(fastmath=True, nogil=True)
-def _window_across(a: Array, half: Array, out: Array, top: int, bottom: int) -> None:
-    width = a.shape[1]
-    reach = half.size - 1
-    wide = np.empty(width + 2 * reach, a.dtype)
-    for i in range(top, bottom):
-        for j in range(wide.size):  # slice assignment takes seconds to compile
-            wide[j] = a[i, min(max(j - reach, 0), width - 1)]
-        row = out[i]
-        for j in range(width):
-            row[j] = half[0] * wide[reach + j]
-        for t in range(1, half.size):
-            part, left, right = half[t], wide[reach - t : reach - t + width], wide[reach + t : reach + t + width]
-            for j in range(width):
-                row[j] += part * (left[j] + right[j])

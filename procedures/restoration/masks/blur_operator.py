@@ -4,6 +4,7 @@ The sharp picture u and the depth w live on the photograph's grid extended by R 
 photographed pixel has all light that reached it and no boundary condition is needed.
 """
 
+from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass
 from functools import partial
@@ -193,12 +194,16 @@ class FieldBlur:
             at, counts = self._around(y, x), window > 0
             node.focus(w[at], counts if active is None else counts & active[at])
 
+    def _photograph(self, of: Callable[[BlurOperator, Array, Any], Array], channels: tuple[int, ...]) -> Array:
+        """The sum of the nodes' photographs, of(node, window, its part of the extended grid)."""
+        out = np.zeros((*channels, *self.shape), self.dtype)
+        for node, window, y, x in self._nodes:
+            out[..., y, x] += of(node, window, self._around(y, x))
+        return out
+
     def blur(self, u: Array) -> Array:
         """Space-variant convolution (3.1) with masks of position and depth."""
-        out = np.zeros((*u.shape[:-2], *self.shape), self.dtype)
-        for node, window, y, x in self._nodes:
-            out[..., y, x] += node.blur(window * u[self._around(y, x)])
-        return out
+        return self._photograph(lambda node, window, at: node.blur(window * u[at]), u.shape[:-2])
 
     def blur_adjoint(self, e: Array, into: Array | None = None) -> Array:
         """Space-variant correlation (3.2), the adjoint of `blur`, added to `into` if given."""
@@ -209,11 +214,9 @@ class FieldBlur:
 
     def change(self, u: Array, du: Array, dw: Array) -> Array:
         """First-order change of the photograph with u and w."""
-        out = np.zeros((*u.shape[:-2], *self.shape), self.dtype)
-        for node, window, y, x in self._nodes:
-            at = self._around(y, x)
-            out[..., y, x] += node.change(window * u[at], window * du[at], dw[at])
-        return out
+        return self._photograph(
+            lambda node, window, at: node.change(window * u[at], window * du[at], dw[at]), u.shape[:-2]
+        )
 
     def change_adjoint(self, u: Array, e: Array, into: tuple[Array, Array] | None = None) -> tuple[Array, Array]:
         """Gradients of <e, change> with respect to du and dw, added to `into` if given."""
@@ -226,11 +229,11 @@ class FieldBlur:
         return du, dw
 
 
-def _bands(work: NDArray[np.int64], n: int) -> NDArray[np.int64]:
+def _bands(work: NDArray[np.int64], n: int) -> list[int]:
     """Limits of n bands of rows of about equal work, 0 .. rows; even, so that the same pairs of rows are processed."""
     done = np.concatenate([[0], np.cumsum(work)])
     limits = np.searchsorted(done, np.arange(1, n) / n * done[-1]) // 2 * 2
-    return np.concatenate([[0], limits, [len(work)]]).astype(np.int64)
+    return [0, *limits.tolist(), len(work)]
 
 
 def hats(n: int, size: int) -> Array:

@@ -49,7 +49,7 @@ def check_photographs(photographs: list[Array]) -> Array:
 
 
 def without_defects(z: Array) -> Array:
-    """Photographs (P, C, H, W), single pixels that no blurred detail explains replaced by their neighbours' prediction.
+    """Photographs (P, C, H, W), pixels that are hot or dead in all of them replaced by their neighbours' prediction.
 
     Second differences along both axes annihilate what varies linearly along one; a single pixel leaves a known pattern.
     """
@@ -58,7 +58,7 @@ def without_defects(z: Array) -> Array:
     defective = np.abs(e) > DEFECT * 1.4826 * np.median(np.abs(e), axis=(-2, -1), keepdims=True)
     for y, x in product((-1, 0, 1), repeat=2):
         defective &= np.abs(np.roll(e, (y, x), axis=(-2, -1)) - step[y + 1] * step[x + 1] * e) <= np.abs(e) / 4
-    return z - np.where(defective, e, 0.0)[..., 2:-2, 2:-2]
+    return z - np.where(defective.all(axis=0), e, 0.0)[..., 2:-2, 2:-2]
 
 
 def check_blurs(stacks: Sequence[Masks], shape: tuple[int, int]) -> None:

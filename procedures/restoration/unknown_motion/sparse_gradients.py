@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft2, next_fast_len, rfft2
 
+from procedures.restoration.joint.data_term import conjugate_gradients
 from procedures.restoration.unknown_motion.free_kernels import Kernels, least_squares, thin
 
 Gradients = NDArray[np.float32]
@@ -66,19 +67,12 @@ class SparseGradients:
     def _picture(self, x: Gradients, kernels: Kernels, weight: Gradients, iterations: int) -> Gradients:
         """Gradients of least |h * x - z|^2 + weight x^2, by conjugate gradients with the diagonal as preconditioner."""
         H = rfft2(kernels, self.padded)
-        r = self._adjoint(H, self.observed - self._blurred(H, x)) - weight * x
-        near = 1 / ((kernels**2).sum() + weight)
-        p = z = near * r
-        square = first = float(np.vdot(r, z))
-        for _ in range(iterations):
-            Ap = self._adjoint(H, self._blurred(H, p)) + weight * p
-            step = square / float(np.vdot(p, Ap))
-            x, r = x + step * p, r - step * Ap
-            z = near * r
-            square, before = float(np.vdot(r, z)), square
-            if square < 1e-6 * first:
-                break
-            p = z + square / before * p
+        gradient = self._adjoint(H, self.observed - self._blurred(H, x)) - weight * x
+        near = (kernels**2).sum() + weight
+        step: Gradients = conjugate_gradients(
+            lambda p: self._adjoint(H, self._blurred(H, p)) + weight * p, gradient, iterations, near, 1e-6
+        )
+        x = x + step
         # denormal numbers of float32 take ten times as long
         return np.where(np.abs(x) < 1e-8, np.float32(0), x)
 

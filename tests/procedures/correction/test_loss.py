@@ -20,7 +20,7 @@ NOISE = 0.002
 class Whole:
     """A frame of one grey plane."""
 
-    shape, channel, channels = SHAPE, (0,), 1
+    shape, channel, channels, pitch = SHAPE, (0,), 1, 1
 
 
 @pytest.fixture(scope="module")

@@ -44,7 +44,7 @@ def widths(mask):
 def test_the_blur_combines_motion_and_blur_circle_at_each_distance(distance_mm):
     frames = [frame(0), frame(1)]
     spec = blur_spec(frames, facts_as(RestorationFacts, FACTS))
-    pictures = [np.ones((1, 80, 96))] * 2
+    pictures = [np.ones((1, 80, 96)), np.zeros((1, 80, 96))]
     combined, alone = (blur_of(one, pictures) for one in (spec, BlurSpec(spec.source, spec.max_w)))
     w = 1000 / distance_mm / combined.unit.per_pixel
     for blurred, motion in zip(combined.masks, alone.masks, strict=True):

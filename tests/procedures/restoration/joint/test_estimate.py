@@ -10,7 +10,7 @@ from procedures.restoration.joint.picture_error import noise_upper_bound
 from procedures.restoration.joint.result import refocused
 from procedures.restoration.joint.schedule import Scheme
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
-from procedures.restoration.masks.checks import check_max_w
+from procedures.restoration.masks.checks import check_max_w, without_defects
 from tests.procedures.restoration.conftest import scene
 
 SLOW_FIXTURES = {"outcome"}
@@ -38,6 +38,16 @@ def test_a_good_pair_passes_with_noise_estimated_and_a_residual_close_to_it(outc
     assert noise_upper_bound(z) == pytest.approx(0.01, rel=0.33)
     assert noise_upper_bound(0.5 + 0 * z + 0.01 * rng.standard_normal(z.shape)) == pytest.approx(0.01, rel=0.05)
     assert outcome.value.diagnostics.residual_over_noise < 1
+
+
+def test_pixels_hot_in_all_photographs_are_replaced(vibrating):
+    spoilt = vibrating.z.copy()
+    spoilt[:, 0, [0, 50, 95], [60, 50, 111]] = 1.5
+    spoilt[0, 0, 30, 30] = 1.5  # in one alone it may be detail
+    mended = without_defects(spoilt)
+    assert np.count_nonzero(mended != vibrating.z) == 7
+    assert mended[0, 0, 30, 30] == 1.5
+    assert np.abs(np.delete((mended - vibrating.z)[0, 0].ravel(), 30 * 112 + 30)).max() < 0.1
 
 
 @pytest.mark.slow

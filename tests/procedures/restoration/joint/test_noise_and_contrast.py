@@ -39,7 +39,7 @@ def moments_of(blurred, data, u):
     R = blurred.R
     residual = noise_and_contrast.band_powers(data.residual(u))
     slopes = noise_and_contrast.gradient_powers(u[:, R:-R, R:-R])
-    depths = np.quantile(blurred.w[R:-R, R:-R], joint_descent.DECILES)
+    depths = np.quantile(blurred.w[R:-R, R:-R], noise_and_contrast.DECILES)
     return noise_and_contrast.moments(blurred.stacks, depths, weights_of(blurred, data, u), residual, slopes)
 
 

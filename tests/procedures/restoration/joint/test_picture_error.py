@@ -11,6 +11,7 @@ from procedures.restoration.joint.picture_error import error_map, noise_upper_bo
 from procedures.restoration.masks.blur_operator import MaskStack
 
 N, NOISE, WEIGHT = 128, 0.003, 3e-3
+W = np.full((N, N), 0.5)
 
 
 def kernels(rng):
@@ -59,12 +60,11 @@ def stacks(masks):
 
 def test_the_expected_error_is_the_error_and_two_deviations_hold_95_percent(scene, restored):
     u, residual, measured = restored
-    error = picture_error(stacks(measured), np.array([0.5]), np.full(BANDS, WEIGHT), residual, u, NOISE)
+    error = picture_error(stacks(measured), W, np.full(BANDS, WEIGHT), residual, u, NOISE)
     # errors of masks are equal in picture and residual only on average over many masks
     assert error.std == pytest.approx(np.std(u[0] - scene), rel=0.3)
     assert error.std == pytest.approx(math.hypot(*error.budget.values()))
     assert error.blurred > 2 * error.std
-    error = picture_error(stacks(measured), np.array([0.5]), np.full(BANDS, WEIGHT), residual, u, NOISE)
     inside = np.abs(u[0] - scene) < 2 * error_map(error, residual, 7)
     # 95 % of a normal distribution; one pair of masks errs more or less in the picture than in the residual
     assert 0.85 < inside.mean() < 0.99
@@ -97,7 +97,7 @@ def test_noise_is_not_estimated_where_texture_is_everywhere():
 def test_detail_suppressed_by_the_prior_is_in_the_expected_error_of_known_masks(scene, weight):
     u, residual, masks = filtered(scene, 0.0, weight)
     true = np.std(u[0] - scene)
-    error = picture_error(stacks(masks), np.array([0.5]), np.full(BANDS, weight), residual, u, NOISE)
+    error = picture_error(stacks(masks), W, np.full(BANDS, weight), residual, u, NOISE)
     # with the contrast as restored it is 1.15 and 0.92 of the error
     assert error.std == pytest.approx(true, rel=0.07)
     # the smooth half, then the textured one: their errors differ
@@ -110,13 +110,13 @@ def test_what_exceeds_the_noise_is_a_disagreement_and_falls_with_more_light(scen
     shares = []
     for wrong in (0.0, 0.5):
         u, residual, masks = filtered(scene, wrong, WEIGHT)
-        error = picture_error(stacks(masks), np.array([0.5]), np.full(BANDS, WEIGHT), residual, u, NOISE)
+        error = picture_error(stacks(masks), W, np.full(BANDS, WEIGHT), residual, u, NOISE)
         shares.append(error.budget["shapes"] ** 2 / (error.budget["shapes"] ** 2 + error.budget["noise"] ** 2))
     assert shares[0] < 0.25
     assert shares[1] > 0.5
     best = min(np.logspace(-4, -1, 31), key=lambda weight: np.std(filtered(scene, 0.0, weight)[0][0] - scene))
     u, residual, masks = filtered(scene, 0.0, best)
-    error = picture_error(stacks(masks), np.array([0.5]), np.full(BANDS, best), residual, u, NOISE)
+    error = picture_error(stacks(masks), W, np.full(BANDS, best), residual, u, NOISE)
     u, *_ = filtered(scene, 0.0, best / 4, NOISE / 2)
     assert error.brighter == pytest.approx(np.std(u[0] - scene), rel=0.1)
     assert error.brighter < 0.8 * error.std
