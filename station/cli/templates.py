@@ -47,13 +47,13 @@ def init(folder: Path, key: Path | None) -> None:
 
 
 def _write_key(path: Path) -> None:
-    from station.common.durable_files import Unwritable
+    from procedures.outcome import BadParameter
     from station.common.signature import create_key
 
     try:
         create_key(path)
     except OSError as error:
-        raise Unwritable(path, error) from error
+        raise BadParameter(f"{path} cannot be written: {error.strerror}", "name a file that does not exist") from error
     click.echo(path)
     click.echo(path.with_suffix(".pub"))
 
