@@ -162,6 +162,7 @@ def _checks(interpolation: Interpolation, maps: Sequence[FieldMap]) -> list[Chec
     rows, columns = interpolation.field.shape
     centred = bool(interpolation.field.inside(np.array([[(columns - 1) / 2, (rows - 1) / 2]]))[0])
     return [
+        interpolation.curvature,
         Check("centre", not centred, 0, Verdict.DOUBTFUL,
               "the frame's centre lies beyond the nodes: its PSF is that of the nearest place among them",
               "photograph the chart on all sides of the centre"),

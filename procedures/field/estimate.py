@@ -19,7 +19,7 @@ from procedures.numbers import (
     PIXELS_PER_PATTERN,
 )
 from procedures.numerics.arrays import Array
-from procedures.outcome import BadInput, Miss, Outcome, Quantity, Refused, Verdict
+from procedures.outcome import BadInput, Miss, Outcome, Quantity, Refused, Verdict, verdict_of
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.centre import mark_offset
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, find_charts
@@ -208,7 +208,8 @@ def estimate_field(
     fields: dict[str, Outcome[PsfField]] = {}
     for name, shape in shapes.items():
         try:
-            fields[name] = Outcome(interpolate(name, shape, nodes[name]).field)
+            interpolation = interpolate(name, shape, nodes[name])
+            fields[name] = verdict_of([interpolation.curvature], interpolation.field)
         except Refused as refusal:
             fields[name] = Outcome(None, Verdict.REFUSED, refusal.reason, refusal.remedy)
     return fields

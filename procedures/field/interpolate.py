@@ -14,7 +14,7 @@ from procedures.field.whitening import MAX_DIRECTIONS, WhitenedNodes
 from procedures.numerics.arrays import Array
 from procedures.numerics.kernel_tail import SHAPES, tail_border, tail_kernels
 from procedures.numerics.scattered import Polynomial, ThinPlate
-from procedures.outcome import Refused
+from procedures.outcome import Check, Refused, Verdict
 from procedures.psf import Psf
 from procedures.psf_field import CoefficientModel, Node, PsfField, in_half_diagonals
 
@@ -84,6 +84,15 @@ class Interpolation:
     recipe: Recipe
     candidates: tuple[InterpolationCandidate, ...]
     axis: SymmetryAxis | None
+
+    @property
+    def curvature(self) -> Check:
+        """Whether the charts show how the PSF varies between them: few, of a constant or linearly changing PSF, are as
+        consistent with another one in the middle."""
+        n, flat = len(self.field.nodes), self.recipe.kind == "polynomial" and self.recipe.setting < 2
+        reason = f"{n} charts do not show how the PSF varies between them: it is that of their mean or of a plane"
+        remedy = f"photograph the chart at {FEWEST_OF_LENS} places or more, the frame's centre among them"
+        return Check("curvature", flat and n < FEWEST_OF_LENS, 0, Verdict.DOUBTFUL, reason, remedy)
 
 
 def interpolate(plane: str, shape: tuple[int, int], nodes: Sequence[Node]) -> Interpolation:

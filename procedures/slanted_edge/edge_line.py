@@ -89,14 +89,10 @@ def without_defects(strip: Strip, course: Course) -> Strip:
     place = np.clip(np.rint(course.distances(strip)), -NEAR_PX, NEAR_PX).astype(int) + NEAR_PX
     groups = (difference[usable & (place == i)] for i in range(2 * NEAR_PX + 1))
     scatter = np.array([1.4826 * np.median(group) if len(group) else 0.0 for group in groups]) + strip.quantisation
-    # near the sharpest edge, a ramp over one pixel, neighbours differ by half its step from row to row; at the ends, where
-    # they all lie on one side, by three times as much
-    ramp = (
-        np.where(np.abs(strip.along) > n / 2 - 2, 1.5, 0.5)[:, None]
-        * abs(course.mean_slope)
-        * np.ptp(strip.samples)
-        * (np.abs(place - NEAR_PX) < NEAR_PX)
-    )
+    # near the sharpest edge, a ramp over one pixel, neighbours differ by half its step from row to row; at the ends,
+    # where all lie on one side, by three times as much
+    share = np.where(np.abs(strip.along) > n / 2 - 2, 1.5, 0.5)[:, None] * (np.abs(place - NEAR_PX) < NEAR_PX)
+    ramp = share * abs(course.mean_slope) * np.ptp(strip.samples)
     defective = usable & (difference > DEFECT * scatter[place] + ramp)
     few = np.count_nonzero(defective) <= MOST_DEFECTS * np.count_nonzero(usable)
     return replace(strip, valid=usable & ~defective) if few else strip

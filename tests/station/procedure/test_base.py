@@ -41,7 +41,7 @@ def photograph(tmp_path):
 def test_a_photograph_becomes_a_record(photograph):
     paths, seen = [photograph("a.png", 0.25), photograph("b.png", 0.75)], []
     measured = Mean().measure(paths, PlaneSettings(), progress=lambda name, *_: seen.append(name))
-    assert seen == ["a.png", "b.png"]
+    assert seen == ["read a.png", "read b.png"]
     record = plain(measured.record())
     assert [one["path"] for one in record["input"]] == [str(path) for path in paths]
     assert (record["schema"], record["procedure"]) == ("station/mean/1", "mean")
