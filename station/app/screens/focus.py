@@ -202,9 +202,7 @@ class FocusScreen(StationScreen):
     def _measured(self, message: Measured) -> None:
         reading = message.reading
         self.query_one("#reading").display = self.query_one(CurveView).display = True
-        taken = f"Photograph {reading.number}, {reading.frame.path.name}"
-        source = f"{taken}: measured {reading.took_s:.2f} s after its arrival."
-        self.query_one("#source", Part).update(literal(source))
+        self.query_one("#source", Part).update(literal(_took(reading)))
         sharpness = reading.sharpness.value
         why = f"This photograph cannot be measured: {reading.sharpness.reason}. What to do: {reading.sharpness.remedy}."
         self.query_one(AnswerBox).show_sentence(reading.say if sharpness is not None else why)
@@ -233,6 +231,10 @@ WIDE = 110
 def _preview(reading: FocusReading) -> Thumbnail | None:
     plane, sharpness = reading.frame.plane.value, reading.sharpness.value
     return None if plane is None else thumbnail(plane, () if sharpness is None else marks_of(sharpness.sighting))
+
+
+def _took(reading: FocusReading) -> str:
+    return f"Photograph {reading.number}, {reading.frame.path.name}: measured {reading.took_s:.2f} s after its arrival."
 
 
 def numbers_of(reading: FocusReading) -> list[str]:
