@@ -203,7 +203,10 @@ class Task:
             wait((self._halting,), HALTED_S)
         stops = self._served.bench.stops if self._served.bench is not None else 0
 
+        known = threading.Event()
+
         def run() -> None:
+            known.wait()  # so that whoever sees its effects can halt it
             try:
                 if self._served.bench is not None:
                     self._served.bench.check_stops(stops)
@@ -213,6 +216,7 @@ class Task:
 
         self.failure, self.halted = None, False
         self._thread = self._served.tenancy.begin(what, run)
+        known.set()
 
 
 def refuse_operation(message: str) -> AlpacaError:
