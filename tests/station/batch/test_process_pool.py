@@ -253,6 +253,7 @@ def test_what_a_cluster_could_not_do_is_lost_with_the_reason():
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_cluster_gives_the_same_and_survives_a_killed_worker(errands, tmp_path):
     distributed = pytest.importorskip("distributed")
     errand = errands.Errand(tmp_path, deadly_once=(4,))

@@ -59,6 +59,7 @@ def test_numbers_without_an_uncertainty_are_limited_and_certified(small, tmp_pat
     assert "PSF" not in certificate  # a render has none
 
 
+@pytest.mark.nightly
 def test_a_blend_has_weights_an_uncertainty_and_layers(small, tmp_path):
     pytest.importorskip("OpenEXR", reason="OpenEXR is an extra")
     from procedures.reading.exr import read_exr
