@@ -90,7 +90,7 @@ class Interpolation:
         """Whether the charts show how the PSF varies between them: few, of a constant or linearly changing PSF, are as
         consistent with another one in the middle."""
         n, flat = len(self.field.nodes), self.recipe.kind == "polynomial" and self.recipe.setting < 2
-        reason = f"{n} charts do not show how the PSF varies between them: it is that of their mean or of a plane"
+        reason = f"{n} charts do not show how the PSF varies between them; it is taken as constant or as linear"
         remedy = f"photograph the chart at {FEWEST_OF_LENS} places or more, the frame's centre among them"
         return Check("curvature", flat and n < FEWEST_OF_LENS, 0, Verdict.DOUBTFUL, reason, remedy)
 

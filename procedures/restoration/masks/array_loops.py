@@ -156,11 +156,8 @@ def _add_diffusion(out: Array, x: Array, weight: Any, down: Array, across: Array
 @jitted(fastmath=True, nogil=True)
 def _add_bending(out: Array, x: Array, weight: Any, down: Array, across: Array, top: int, bottom: int) -> None:
     height, width = x.shape
-    one, two, e = (
-        x.dtype.type(1),
-        x.dtype.type(2),
-        np.zeros(width + 1, x.dtype),
-    )  # a row at a time, so that loops are vectorised
+    one, two = x.dtype.type(1), x.dtype.type(2)
+    e = np.zeros(width + 1, x.dtype)  # a row at a time, so that loops are vectorised
     for i in range(top, bottom):
         row, to, g = x[i], out[i], across[i]
         e[0] = e[width - 1] = 0
