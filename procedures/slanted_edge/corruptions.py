@@ -20,7 +20,7 @@ from procedures.corruption.family import (
 from procedures.corruption.noise import CONTRASTS, MASK_RADII, noise_checks
 from procedures.numerics.arrays import Array
 from procedures.outcome import Check
-from procedures.slanted_edge.evidence import HALO_PX, Evidence
+from procedures.slanted_edge.evidence import HALO_PX, WIDE_PX, Evidence
 from procedures.slanted_edge.profile import EdgeProfile
 from procedures.slanted_edge.transfer import FREQUENCIES, STEP, mtf_of
 
@@ -29,6 +29,8 @@ MASK_PRIOR, HALO_PRIOR = 0.08, 0.05
 HALO_MODEL = 0.02
 """Standard uncertainty of the amount beside the edge by the lens's own spread function, of the lenses of
 tests/benchmarks/adversarial.py."""
+WIDE_MODEL = 0.01
+"""The same of a mask of 10 pixels."""
 GHOST_MODEL = 0.03
 """Standard uncertainty of the amount of a ghost, which takes light as a mask does, by the lens."""
 MISSING_MODEL = 0.005
@@ -81,13 +83,14 @@ def modes_of(evidence: Evidence, profile: EdgeProfile, mtf: Array, *, raw: bool)
     if raw:
         return modes
     amount = _mask_amount(evidence.masks[MASK_RADII.index(1.0)], evidence.scattered)
-    wide = nuisance(unseen, math.hypot(noise, HALO_MODEL), HALO_PRIOR)
+    halo = nuisance(unseen, math.hypot(noise, HALO_MODEL), HALO_PRIOR) * mask_gain(f, HALO_PX)
+    wide = nuisance(evidence.wide.value, math.hypot(evidence.wide.uncertainty, WIDE_MODEL), HALO_PRIOR)
     exponent = nuisance(*_tone(evidence), TONE_PRIOR)
     known = evidence.scattered
-    contrast = nuisance(known.unseen, math.hypot(known.uncertainty, CONTRAST_MODEL), CONTRAST_PRIOR)
+    contrast = nuisance(abs(known.value), math.hypot(known.uncertainty, CONTRAST_MODEL), CONTRAST_PRIOR)
     return modes | {
         SHARPENED.name: mtf * amount * mask_gain(f, 1.0),
-        OVERSHOOT.name: mtf * wide * mask_gain(f, HALO_PX),
+        OVERSHOOT.name: mtf * np.hypot(halo, wide * mask_gain(f, WIDE_PX)),
         TONE_CURVE.name: exponent * _by_tone(profile),
         "contrast": contrast * _by_contrast(profile),
     }

@@ -21,9 +21,9 @@ from procedures.slanted_edge.strip import Strip
 from procedures.slanted_edge.tail import MAX_TAIL
 from procedures.slanted_edge.transfer import FREQUENCIES
 
-HALO_PX = 3.0
-"""Radius of the unsharp mask that is searched for beside the edge: narrower ones hide in the edge, wider ones in its
-tail."""
+HALO_PX, WIDE_PX = 3.0, 10.0
+"""Radii of the unsharp masks that are searched for beside the edge: narrower ones hide in the edge, and far plains show
+those of local contrast, of 15 to 30 pixels, alike."""
 HALO_WIDTHS, HALO_FROM_PX = 1.5, 1.5
 """Least distance from the edge, in full widths at half maximum and in pixels, at which a lens's spread function has the
 form of its tail; if there is more light than that, it looks like the opposite of a mask."""
@@ -43,7 +43,7 @@ class Evidence:
 
     masks : unsharp masks in the noise of the plains
     textured : the same, where the plains may have a fine texture, which the lens images
-    halo : an unsharp mask beside the edge
+    halo, wide : unsharp masks of `HALO_PX` and `WIDE_PX` beside the edge
     scattered : an unsharp mask that sharpens the edge and spares the plains, by the scatter on the edge
     growth, exponent : growth of the noise from dark to bright, in standard uncertainties; exponent of the light in its
         variance
@@ -60,6 +60,7 @@ class Evidence:
     masks: list[Strength]
     textured: list[Strength]
     halo: Strength
+    wide: Strength
     scattered: Strength
     growth: float
     exponent: float
@@ -108,13 +109,15 @@ def examine(strip: Strip, course: Course, profile: EdgeProfile, mtf: Array, of_m
     averaged = replace(samples, variances=(variances[0] * inflation[0], variances[1] * inflation[1]))
     scatter, scatter_px, scattered = _scatter(samples, profile)
     fall, windows = _fall(averaged)
+    halo, wide = (_halo(averaged, profile, radius) for radius in (HALO_PX, WIDE_PX))
     tail = profile.tail_estimate
     excess = (mtf - np.minimum.accumulate(mtf) - LOBE) / np.maximum(of_mtf, MTF_MODEL)
     worst = int(np.argmax(np.where(FREQUENCIES < PERIODIC_FROM, -np.inf, excess)))
     return Evidence(
         masks=mask_scores(fields, MASK_RADII),
         textured=mask_scores(fields, MASK_RADII, [texture_correlation(FREQUENCIES, mtf)]),
-        halo=_halo(averaged, profile),
+        halo=halo,
+        wide=wide,
         scattered=scattered if fields else Strength(),
         growth=growth,
         exponent=exponent,
@@ -201,18 +204,18 @@ def _fall(samples: _Samples) -> tuple[float, int]:
     return float(np.max(falls, initial=0.0)), max(len(falls), 1)
 
 
-def _halo(samples: _Samples, profile: EdgeProfile) -> Strength:
+def _halo(samples: _Samples, profile: EdgeProfile, radius_px: float) -> Strength:
     """Unsharp mask beside the edge: light that is missing there, with levels, tail and slope of the light unknown."""
     x, total, count = _binned(samples)
     near = np.abs(x) > max(HALO_WIDTHS * profile.width_px, HALO_FROM_PX)
     kept = near & (count > 0)
     if np.count_nonzero(kept & (x < 0)) < BINS or np.count_nonzero(kept & (x > 0)) < BINS:
         return Strength()
-    reach = int(6 * HALO_PX * BINS)
+    reach = int(6 * radius_px * BINS)
     wide = x[0] - reach / BINS + np.arange(len(x) + 2 * reach) / BINS
     inside = np.abs(wide) < 0.9 * profile.end_px
     esf = np.where(inside, np.interp(wide, profile.centres, profile.esf), (wide > 0) - profile.tail / wide)
-    mask = (esf - gaussian_filter1d(esf, HALO_PX * BINS))[reach:-reach]
+    mask = (esf - gaussian_filter1d(esf, radius_px * BINS))[reach:-reach]
     d = x[kept]
     dark, bright = profile.light[:2] / profile.contrast
     base = np.where(d < 0, dark, bright)
