@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,7 +17,17 @@ from procedures.corruption.directions import (
     WIDE_PX,
     mask_gain,
 )
-from procedures.corruption.family import FILTERED, GHOSTED, MOSAIC, SELECTIVE, VEILED, WIDE, Strength, nuisance
+from procedures.corruption.family import (
+    FILTERED,
+    GHOSTED,
+    MOSAIC,
+    SELECTIVE,
+    VEILED,
+    WIDE,
+    Strength,
+    nuisance,
+    threshold,
+)
 from procedures.corruption.noise import CONTRASTS, MASK_RADII, noise_checks
 from procedures.numerics.arrays import Array
 from procedures.outcome import Check
@@ -78,13 +88,18 @@ class TextureEvidence:
         if raw:
             return modes
         share, model = (PRESENT / len(WIDE_PX), 0.0) if self.framed else (1.0, TEXTURED_MODEL)
-        amounts = [self.strengths[name] for name in WIDE_NAMES]
-        amounts = [replace(amount, uncertainty=math.hypot(amount.uncertainty, model)) for amount in amounts]
         wide = [
-            _unseen(one, WIDE_PRIOR, share) * mask_gain(f, radius) for one, radius in zip(amounts, WIDE_PX, strict=True)
+            _wide(self.strengths[name], model, share) * mask_gain(f, radius)
+            for name, radius in zip(WIDE_NAMES, WIDE_PX, strict=True)
         ]
         return modes | {"processing": _unseen(self.fine, MASK_PRIOR) * mask_gain(f, 1.0), "wide mask": np.hypot(*wide)}
 
 
 def _unseen(strength: Strength, prior: float, present: float = 1.0) -> float:
     return nuisance(strength.unseen, strength.uncertainty, prior, present)
+
+
+def _wide(amount: Strength, model: float, present: float) -> float:
+    """Amount of a wide mask not excluded; an estimate below 0 shows an error of the model as large."""
+    unseen = min(amount.value, threshold() * math.hypot(amount.uncertainty, WIDE_MODEL))
+    return nuisance(unseen, math.hypot(amount.uncertainty, model, min(amount.value, 0.0)), WIDE_PRIOR, present)
