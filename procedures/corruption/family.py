@@ -38,10 +38,11 @@ class Corruption:
     prior_in_raw: float = 1.0
 
     def check(self, score: float, evidence: str = "", *, raw: bool, places: int = 1) -> Check:
-        """The test by its score, the largest of those at so many places; a score of NaN does not fail."""
+        """The test by its score, the largest of those at so many places; a score of NaN is none."""
         sentence = self.sentence.format(evidence or f"{score:.1f} standard uncertainties")
         remedy, prior = (self.raw_remedy, self.prior_in_raw) if raw else (self.remedy, 1.0)
-        return Check(self.name, score, threshold(places), Verdict.DOUBTFUL, sentence, remedy, prior=prior)
+        given = not math.isnan(score)
+        return Check(self.name, score, threshold(places), Verdict.DOUBTFUL, sentence, remedy, given=given, prior=prior)
 
 
 def _processing(name: str, sentence: str) -> Corruption:
@@ -68,6 +69,9 @@ SCATTER = Corruption(
     "the edge scatters by {} more than the noise of its plains explains: it is rough or moved, or a filter spared it",
     "take a cut edge or a finer print, keep the camera still, and take the RAW file",
     "take a cut edge or a finer print, and keep the camera still",
+)
+SPARED = _processing(
+    "scatter", "the edge has less noise than its plains ({}): local contrast or a tone curve raised theirs"
 )
 PERIODIC = Corruption(
     "period",

@@ -12,6 +12,7 @@ from procedures.corruption.family import (
     PERIODIC,
     SCATTER,
     SHARPENED,
+    SPARED,
     TONE_CURVE,
     VEILED,
     Strength,
@@ -40,8 +41,9 @@ PERIODIC_PLACES = 10
 TONE_PRIOR = 0.36
 """Prior of the logarithm of a tone curve's exponent in a picture that is no RAW file."""
 CONTRAST_PRIOR, CONTRAST_MODEL = 0.3, 0.1
-"""Prior strength of an S-shaped tone curve, which raises the noise of the edge as a mask of this amount does, and the
-standard uncertainty of that by a curve that is not centred between the plains."""
+"""Prior strength of an S-shaped tone curve, which raises the noise of the edge as a mask of this amount does, or of its
+opposite by a filter of local contrast that keeps edges; standard uncertainty by a curve that is not centred between the
+plains."""
 TONE_MODEL = 0.3
 """Standard uncertainty of that logarithm by the growth of the noise: read noise and the pixels' unlike gain."""
 REPEATED, REPEATED_AT = 0.005, 0.8
@@ -62,6 +64,7 @@ def corruption_checks(evidence: Evidence, *, raw: bool) -> list[Check]:
         *([] if raw else [MOSAIC.check(evidence.mosaic, raw=raw, places=2 * len(CONTRASTS))]),
         TONE_CURVE.check(-evidence.growth, raw=raw),
         SCATTER.check(evidence.scatter, raw=raw, places=2),
+        SPARED.check(evidence.spared, raw=raw),
         OVERSHOOT.check(evidence.fall, fall, raw=raw, places=evidence.windows),
         OVERSHOOT.check(evidence.halo.value / math.hypot(evidence.halo.uncertainty, MISSING_MODEL), halo, raw=raw),
         VEILED.check(evidence.tail, raw=raw),
@@ -83,14 +86,15 @@ def modes_of(evidence: Evidence, profile: EdgeProfile, mtf: Array, *, raw: bool)
     if raw:
         return modes
     amount = _mask_amount(evidence.masks[MASK_RADII.index(1.0)], evidence.scattered)
-    halo = nuisance(unseen, math.hypot(noise, HALO_MODEL), HALO_PRIOR) * mask_gain(f, HALO_PX)
+    halo = nuisance(unseen, math.hypot(noise, HALO_MODEL), HALO_PRIOR)
     wide = nuisance(evidence.wide.value, math.hypot(evidence.wide.uncertainty, WIDE_MODEL), HALO_PRIOR)
     exponent = nuisance(*_tone(evidence), TONE_PRIOR)
     known = evidence.scattered
     contrast = nuisance(abs(known.value), math.hypot(known.uncertainty, CONTRAST_MODEL), CONTRAST_PRIOR)
     return modes | {
         SHARPENED.name: mtf * amount * mask_gain(f, 1.0),
-        OVERSHOOT.name: mtf * np.hypot(halo, wide * mask_gain(f, WIDE_PX)),
+        OVERSHOOT.name: mtf * halo * mask_gain(f, HALO_PX),
+        "wide mask": mtf * wide * mask_gain(f, WIDE_PX),
         TONE_CURVE.name: exponent * _by_tone(profile),
         "contrast": contrast * _by_contrast(profile),
     }
@@ -122,9 +126,9 @@ def _by_tone(profile: EdgeProfile) -> Array:
 
 
 def _by_contrast(profile: EdgeProfile) -> Array:
-    """Change of the curve (f,) by an S-shaped tone curve of slope 1 + c (4 l (1 - l) - 2 / 3) at light l."""
+    """Change of the curve (f,) by an S-shaped tone curve of slope 1 - c cos(2 pi l) / 2 at light l."""
     light = np.clip(profile.esf, 0, 1)
-    return _by_curve(profile, light + TONE_STEP * (2 * light**2 - 4 / 3 * light**3 - 2 / 3 * light))
+    return _by_curve(profile, light - TONE_STEP * np.sin(2 * np.pi * light) / (4 * np.pi))
 
 
 def _by_curve(profile: EdgeProfile, curved: Array) -> Array:

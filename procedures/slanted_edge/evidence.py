@@ -28,6 +28,7 @@ HALO_WIDTHS, HALO_FROM_PX = 1.5, 1.5
 """Least distance from the edge, in full widths at half maximum and in pixels, at which a lens's spread function has the
 form of its tail; if there is more light than that, it looks like the opposite of a mask."""
 SUBBINS = 16  # bins to a pixel within which samples scatter by noise alone, whatever the profile
+MAX_GAIN = 0.01  # greatest spread of the pixels' gains, by which noise between dark and bright is less than a mean
 MODEL_PX = 0.003  # displacement of an edge, root mean square, that the model's course and bins leave
 SMOOTH_BINS = 13
 """Bins over which the plains' departure from their model is averaged: so many samples that their noise stays white."""
@@ -49,6 +50,7 @@ class Evidence:
         variance
     scatter, scatter_px : excess of the scatter on the edge, in standard uncertainties; the displacement that explains
         it, in pixels
+    spared : lack of scatter on the edge, in standard uncertainties
     fall, windows : largest fall of the spread function to a neighbouring window, in standard uncertainties; number of
         windows
     tail : excess of the tail over that of any lens, in standard uncertainties
@@ -66,6 +68,7 @@ class Evidence:
     exponent: float
     scatter: float
     scatter_px: float
+    spared: float
     fall: float
     windows: int
     tail: float
@@ -107,7 +110,7 @@ def examine(strip: Strip, course: Course, profile: EdgeProfile, mtf: Array, of_m
     variances = max(dark, rounding), max(bright, rounding)
     samples = _Samples(d, value, inside, variances)
     averaged = replace(samples, variances=(variances[0] * inflation[0], variances[1] * inflation[1]))
-    scatter, scatter_px, scattered = _scatter(samples, profile)
+    scatter, scatter_px, scattered, spared = _scatter(samples, profile)
     fall, windows = _fall(averaged)
     halo, wide = (_halo(averaged, profile, radius) for radius in (HALO_PX, WIDE_PX))
     tail = profile.tail_estimate
@@ -123,6 +126,7 @@ def examine(strip: Strip, course: Course, profile: EdgeProfile, mtf: Array, of_m
         exponent=exponent,
         scatter=scatter,
         scatter_px=scatter_px,
+        spared=spared if fields else math.nan,
         fall=fall,
         windows=windows,
         tail=(tail.px - MAX_TAIL) / max(tail.uncertainty_px, 1e-12),
@@ -150,9 +154,9 @@ def _noise(plain: Array, d: Array, far: Mask) -> Array:
     return noise
 
 
-def _scatter(samples: _Samples, profile: EdgeProfile) -> tuple[float, float, Strength]:
-    """Score of the scatter on the edge against its plains' noise, convex in the light, and the displacement (the slope
-    squared) and mask that explain it."""
+def _scatter(samples: _Samples, profile: EdgeProfile) -> tuple[float, float, Strength, float]:
+    """Score of the scatter on the edge against its plains' noise, convex in the light, the displacement (the slope
+    squared) and mask that explain it; score of less scatter than that, with pixels of unlike gain."""
     d = samples.d
     used = samples.inside & (np.abs(d) < profile.end_px + 1)
     profile, residual = rebinned(profile, samples.value, d, used)
@@ -165,16 +169,26 @@ def _scatter(samples: _Samples, profile: EdgeProfile) -> tuple[float, float, Str
     square = np.bincount(place, (residual[core] - mean[place]) ** 2)[known] / (count[known] - 1)
     light = np.clip(np.interp(at[known], profile.centres, profile.esf), 0, 1)
     slope, middle = steepness(profile, at[known]) ** 2, 4 * light * (1 - light)
-    expected = samples.variances[0] * (1 - light) + samples.variances[1] * light + MODEL_PX**2 * slope
-    weight = (count[known] - 1) / (2 * expected**2)
+    dark, bright = samples.variances
+    between = dark * (1 - light) + bright * light
+    expected = between + MODEL_PX**2 * slope
+    convex = min(max(bright - dark, 0.0) / (1 + 2 * max(profile.light[0], 0.0) / profile.contrast), MAX_GAIN**2)
+    least = between - convex * light * (1 - light)
     fits = []
-    for shape in (slope, middle, middle * expected):
+    for shape, variance in (
+        (slope, expected),
+        (middle, expected),
+        (middle * expected, expected),
+        (middle * least, least),
+    ):
+        weight = (count[known] - 1) / (2 * variance**2)
         information = max(float(np.sum(weight * shape**2)), 1e-300)
-        fits.append((float(np.sum(weight * shape * (square - expected))) / information, information**-0.5))
+        fits.append((float(np.sum(weight * shape * (square - variance))) / information, information**-0.5))
     score = max(strength / uncertainty for strength, uncertainty in fits[:2])
+    spared = -fits[3][0] / fits[3][1]
     # a mask of amount a raises the variance of white noise by about 2 a
     strength, uncertainty = fits[2]
-    return score, max(fits[0][0], 0.0) ** 0.5, Strength(strength / 2, uncertainty / 2)
+    return score, max(fits[0][0], 0.0) ** 0.5, Strength(strength / 2, uncertainty / 2), spared
 
 
 def _binned(samples: _Samples) -> tuple[Array, Array, Array]:

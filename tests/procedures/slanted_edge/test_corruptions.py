@@ -15,7 +15,7 @@ from procedures.raw import Plane
 from procedures.slanted_edge import corruptions
 from procedures.slanted_edge.corruptions import corruption_checks
 from procedures.slanted_edge.estimate import EdgeOutcome, estimate_edge
-from procedures.slanted_edge.evidence import HALO_PX, Evidence, _fall, _Samples
+from procedures.slanted_edge.evidence import HALO_PX, WIDE_PX, Evidence, _fall, _Samples
 from procedures.slanted_edge.strip import Roi
 from procedures.slanted_edge.transfer import FREQUENCIES
 
@@ -56,6 +56,7 @@ PROCESSED: dict[str, tuple[Callable[[Array], Array], str]] = {
     "moved": (lambda x: cv2.warpAffine(x, np.float32([[1, 0, 0.3], [0, 1, 0.3]]), x.shape[::-1]), "resampled"),
     "gamma": (lambda x: np.maximum(x, 0) ** (1 / 2.4), "as a tone curve"),
     "shoulder": (lambda x: np.where(x < 0.4, x, 0.8 - 0.4 * np.exp((0.4 - x) / 0.4)), "scatters"),
+    "local tone": (lambda x: x + 0.8 * (x - cv2.bilateralFilter(x.astype(np.float32), -1, 0.15, 6)), "less noise"),
     "bilateral": (lambda x: cv2.bilateralFilter(x.astype(np.float32), -1, 0.03, 2.0), "scatters"),
 }  # fmt: skip
 
@@ -216,7 +217,7 @@ def test_a_fall_counts_alike_in_the_dark_and_in_the_bright(dip: float, rng: np.r
 
 def test_noise_that_is_correlated_is_smoothed_and_noise_that_is_anticorrelated_is_sharpened() -> None:
     none = Strength(0.0, 0.1)
-    clean = Evidence([none] * 3, [none] * 3, none, none, 0.0, 1.0, 0.0, 0.0, 0.0, 4, 0.0, 0.0, 0.0, 0.0)
+    clean = Evidence([none] * 3, [none] * 3, none, none, none, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 4, 0.0, 0.0, 0.0, 0.0)
     for amount, name, scores in ((1.0, "sharpening", "masks"), (-1.0, "smoothing", "textured")):
         one = replace(none, value=amount)
         checks = corruption_checks(replace(clean, **{scores: [none, one, none]}), raw=False)
@@ -230,13 +231,13 @@ def test_the_mode_of_a_mask_is_its_gain(monkeypatch: pytest.MonkeyPatch) -> None
     for name in ("_by_tone", "_by_contrast"):
         monkeypatch.setattr(corruptions, name, lambda profile: np.zeros_like(FREQUENCIES))
     none = Strength(0.0, 0.1)
-    evidence = Evidence([none] * 3, [none] * 3, none, none, 0.0, 1.0, 0.0, 0.0, 0.0, 4, 0.0, 0.0, 0.0, 0.0)
+    evidence = Evidence([none] * 3, [none] * 3, none, none, none, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 4, 0.0, 0.0, 0.0, 0.0)
     mtf = 1 - FREQUENCIES / 2
     modes = corruptions.modes_of(evidence, None, mtf, raw=False)  # type: ignore[arg-type]
     point, n = np.zeros(81), np.arange(-40, 41)
     point[40] = 1
     seen = (FREQUENCIES > 0.05) & (FREQUENCIES <= 0.4)
-    for name, radius in (("sharpening", 1.0), ("overshoot", HALO_PX)):
+    for name, radius in (("sharpening", 1.0), ("overshoot", HALO_PX), ("wide mask", WIDE_PX)):
         mask = point - gaussian_filter(point, radius)
         gain = np.cos(2 * np.pi * FREQUENCIES[seen, None] * n) @ mask
         amount = modes[name][seen] / (mtf[seen] * gain)
