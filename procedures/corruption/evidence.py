@@ -17,17 +17,7 @@ from procedures.corruption.directions import (
     WIDE_PX,
     mask_gain,
 )
-from procedures.corruption.family import (
-    FILTERED,
-    GHOSTED,
-    MOSAIC,
-    SELECTIVE,
-    VEILED,
-    WIDE,
-    Strength,
-    nuisance,
-    threshold,
-)
+from procedures.corruption.family import FILTERED, GHOSTED, MOSAIC, SELECTIVE, VEILED, WIDE, Strength, nuisance
 from procedures.corruption.noise import CONTRASTS, MASK_RADII, noise_checks
 from procedures.numerics.arrays import Array
 from procedures.outcome import Check
@@ -101,5 +91,5 @@ def _unseen(strength: Strength, prior: float, present: float = 1.0) -> float:
 
 def _wide(amount: Strength, model: float, present: float) -> float:
     """Amount of a wide mask not excluded; an estimate below 0 shows an error of the model as large."""
-    unseen = min(amount.value, threshold() * math.hypot(amount.uncertainty, WIDE_MODEL))
+    unseen = Strength(amount.value, math.hypot(amount.uncertainty, WIDE_MODEL)).unseen
     return nuisance(unseen, math.hypot(amount.uncertainty, model, min(amount.value, 0.0)), WIDE_PRIOR, present)

@@ -175,15 +175,10 @@ def _scatter(samples: _Samples, profile: EdgeProfile) -> tuple[float, float, Str
     convex = min(max(bright - dark, 0.0) / (1 + 2 * max(profile.light[0], 0.0) / profile.contrast), MAX_GAIN**2)
     least = between - convex * light * (1 - light)
     fits = []
-    for shape, variance in (
-        (slope, expected),
-        (middle, expected),
-        (middle * expected, expected),
-        (middle * least, least),
-    ):
-        weight = (count[known] - 1) / (2 * variance**2)
+    for shape, model in ((slope, expected), (middle, expected), (middle * expected, expected), (middle * least, least)):
+        weight = (count[known] - 1) / (2 * model**2)
         information = max(float(np.sum(weight * shape**2)), 1e-300)
-        fits.append((float(np.sum(weight * shape * (square - variance))) / information, information**-0.5))
+        fits.append((float(np.sum(weight * shape * (square - model))) / information, information**-0.5))
     score = max(strength / uncertainty for strength, uncertainty in fits[:2])
     spared = -fits[3][0] / fits[3][1]
     # a mask of amount a raises the variance of white noise by about 2 a

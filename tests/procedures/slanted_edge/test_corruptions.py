@@ -56,7 +56,7 @@ PROCESSED: dict[str, tuple[Callable[[Array], Array], str]] = {
     "moved": (lambda x: cv2.warpAffine(x, np.float32([[1, 0, 0.3], [0, 1, 0.3]]), x.shape[::-1]), "resampled"),
     "gamma": (lambda x: np.maximum(x, 0) ** (1 / 2.4), "as a tone curve"),
     "shoulder": (lambda x: np.where(x < 0.4, x, 0.8 - 0.4 * np.exp((0.4 - x) / 0.4)), "scatters"),
-    "local tone": (lambda x: x + 0.8 * (x - cv2.bilateralFilter(x.astype(np.float32), -1, 0.15, 6)), "less noise"),
+    "local tone": (lambda x: x + 0.5 * (x - cv2.bilateralFilter(x.astype(np.float32), -1, 0.1, 6)), "less noise"),
     "bilateral": (lambda x: cv2.bilateralFilter(x.astype(np.float32), -1, 0.03, 2.0), "scatters"),
 }  # fmt: skip
 
