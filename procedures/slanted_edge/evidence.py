@@ -28,7 +28,7 @@ HALO_WIDTHS, HALO_FROM_PX = 1.5, 1.5
 """Least distance from the edge, in full widths at half maximum and in pixels, at which a lens's spread function has the
 form of its tail; if there is more light than that, it looks like the opposite of a mask."""
 SUBBINS = 16  # bins to a pixel within which samples scatter by noise alone, whatever the profile
-MAX_GAIN = 0.01  # greatest spread of the pixels' gains, by which noise between dark and bright is less than a mean
+MAX_GAIN = 0.01  # greatest spread of gains by pixels and paper, by which noise amid dark and bright is less than a mean
 MODEL_PX = 0.003  # displacement of an edge, root mean square, that the model's course and bins leave
 SMOOTH_BINS = 13
 """Bins over which the plains' departure from their model is averaged: so many samples that their noise stays white."""
