@@ -24,13 +24,14 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, gaussian_filter1d, map_coordinates, spline_filter
 from scipy.stats import beta
 
+from procedures.outcome import Outcome
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_print.formats import bitmap
-from procedures.pattern_psf.estimate import estimate_psf
+from procedures.pattern_psf.estimate import PatternPsf, estimate_psf
 from procedures.raw import Plane
 from procedures.slanted_edge.estimate import estimate_edge, estimate_edges
 from procedures.slanted_edge.strip import Roi
-from procedures.two_photo.estimate import estimate_psf_of_pair
+from procedures.two_photo.estimate import TwoPhotoPsf, estimate_psf_of_pair
 
 Array = np.ndarray
 Rng = np.random.Generator
@@ -402,6 +403,17 @@ def nl_means(strength: float) -> Corruption:
     return Corruption(process=process)
 
 
+def local_contrast(amount: float, radius_px: float, kept: float = 0.0) -> Corruption:
+    """What a blur leaves, added: in the mid-tones, or everywhere by a filter that keeps edges above a contrast."""
+
+    def process(x: Array, noise: float, rng: Rng) -> Array:
+        if kept:
+            return x + amount * (x - cv2.bilateralFilter(x.astype(np.float32), -1, kept, radius_px))
+        return x + amount * (4 * x * (1 - x)) ** 2 * (x - gaussian_filter(x, radius_px, mode="nearest"))
+
+    return Corruption(process=process)
+
+
 def median_blend(share: float) -> Corruption:
     return Corruption(process=lambda x, noise, rng: (1 - share) * x + share * cv2.medianBlur(x.astype(np.float32), 3))
 
@@ -524,6 +536,8 @@ CORRUPTIONS: dict[str, Corruption] = {
     "wavelet threshold, 1 noise": wavelet(1.0),
     "wavelet threshold, 3 noises": wavelet(3.0),
     "edge-directed denoising with grain": edge_directed(1, 0.7),
+    "local contrast 20 % of 30 px, mid-tones": local_contrast(0.2, 30.0),
+    "local contrast 20 % of 6 px, edges kept": local_contrast(0.2, 6.0, 0.15),
     "JPEG 90": jpeg(90),
     "JPEG 60": jpeg(60),
     "rough print 0.15 px": rough(0.15, 1.0),
@@ -573,26 +587,20 @@ def by_edge(plane: Plane, seed: int) -> Answer:
 
 def by_chart(plane: Plane, seed: int) -> Answer:
     """The noise chart, along rows."""
-    outcome = estimate_psf(plane, Chart.from_seed())
+    return _along_rows(estimate_psf(plane, Chart.from_seed()))
+
+
+def by_wall(near: Plane, far: Plane) -> Answer:
+    """Two photographs of a wall, along rows."""
+    return _along_rows(estimate_psf_of_pair(near, far))
+
+
+def _along_rows(outcome: Outcome[PatternPsf] | Outcome[TwoPhotoPsf]) -> Answer:
     if outcome.value is None or "mtf50_horizontal" not in outcome.value.quality.numbers:
         return Answer(str(outcome.verdict), outcome.reason)
     quality = outcome.value.quality
     number, curves = quality.numbers["mtf50_horizontal"], (quality.mtf_horizontal, quality.uncertainty("horizontal"))
     values, spreads = (np.interp(CURVE, quality.frequencies, part) for part in curves)
-    known = number.value, number.uncertainty, values, spreads, outcome.value.probability
-    return Answer(str(outcome.verdict), outcome.reason, *known)
-
-
-def by_wall(near: Plane, far: Plane) -> Answer:
-    """Two photographs of a wall, along rows."""
-    outcome = estimate_psf_of_pair(near, far)
-    if outcome.value is None or "mtf50_horizontal" not in outcome.value.quality.numbers:
-        return Answer(str(outcome.verdict), outcome.reason)
-    quality = outcome.value.quality
-    number, f = quality.numbers["mtf50_horizontal"], quality.frequencies
-    values, spreads = (
-        np.interp(CURVE, f, part) for part in (quality.mtf_horizontal, quality.uncertainty("horizontal"))
-    )
     known = number.value, number.uncertainty, values, spreads, outcome.value.probability
     return Answer(str(outcome.verdict), outcome.reason, *known)
 
