@@ -31,7 +31,7 @@ HALO_MODEL = 0.02
 """Standard uncertainty of the amount beside the edge by the lens's own spread function, of the lenses of
 tests/benchmarks/adversarial.py."""
 WIDE_MODEL = 0.01
-"""The same of a mask of 10 pixels."""
+"""Standard uncertainty, by the lens, of the amount of a mask of 10 pixels."""
 GHOST_MODEL = 0.03
 """Standard uncertainty of the amount of a ghost, which takes light as a mask does, by the lens."""
 MISSING_MODEL = 0.005
