@@ -1,5 +1,3 @@
-"""The demonstration through its command: its output on a new machine."""
-
 import json
 import os
 import re
@@ -144,9 +142,6 @@ def test_page_stands_alone_and_begins_with_the_verdict(demonstration):
     assert text.count('<article class="card">') == 20
     for one in demonstration.record["photographs"]:
         assert one["input"]["sha256"] in text
-
-
-# --- repeated and failing runs, with one photograph ------ -----------------------------------------------------
 
 
 @pytest.mark.nightly

@@ -1,5 +1,3 @@
-"""Photographs of a few pixels end every command with a stated refusal."""
-
 import click
 import numpy as np
 import pytest

@@ -1,5 +1,3 @@
-"""Choice of s and k."""
-
 import numpy as np
 import pytest
 

@@ -1,5 +1,3 @@
-"""The public API: every name exists, is typed, is loaded on first use, and is used in an example of the manual."""
-
 import ast
 import os
 import re

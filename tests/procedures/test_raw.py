@@ -162,9 +162,6 @@ def test_camera_dngs_are_scaled_and_interpolated_ones_refused(shared_data):
         read_frame(shared_data / "raw" / "linear_no_mosaic.dng")
 
 
-# --- what is refused ---------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("cfa", "tags", "reason"),
     [

@@ -1,5 +1,3 @@
-"""Several photographs of one scene: registration, rejection, and a picture finer than the sensor."""
-
 from dataclasses import replace
 
 import cv2

@@ -1,5 +1,3 @@
-"""Charts of one frame become nodes, in every plane at their positions in that plane."""
-
 from pathlib import Path
 
 import numpy as np
@@ -62,9 +60,6 @@ def test_a_frame_without_charts_is_refused():
     plane = Plane("Y", np.full((120, 160), 0.5, dtype=np.float32), 1 / 65535)
     with pytest.raises(Refused, match=r"flat\.pgm: no chart"):
         measure_frame(RawFrame(Path("flat.pgm"), "", {"Y": plane}, None), CHART, PARAMETERS)
-
-
-# --- a field without the application -------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")

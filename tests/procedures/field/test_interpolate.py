@@ -1,5 +1,3 @@
-"""The PSF between the nodes, compared with a lens with coma, astigmatism, field curvature and decentring."""
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Nodes of different supports are widened to one without changing their PSFs."""
-
 import numpy as np
 import pytest
 

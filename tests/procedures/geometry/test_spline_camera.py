@@ -1,5 +1,3 @@
-"""Spline cameras: derivatives, polynomials, and a lens with waves."""
-
 import numpy as np
 import pytest
 

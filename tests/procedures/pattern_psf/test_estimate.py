@@ -1,5 +1,3 @@
-"""The whole chain against known truth, the published answers, and photographs that must be refused."""
-
 import json
 from dataclasses import replace
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""A sensor calibrated by itself: its bent response is undone and not fitted, its noise weighs the samples."""
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,5 +1,3 @@
-"""Remedies for unsuitable given s and k, and the first cause of damaged photographs."""
-
 from pathlib import Path
 
 import numpy as np

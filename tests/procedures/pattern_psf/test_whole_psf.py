@@ -1,5 +1,3 @@
-"""Numbers of the PSF compared with analytic optics of unlimited extent, independent of the method."""
-
 from functools import cache
 
 import cv2

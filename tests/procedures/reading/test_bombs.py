@@ -1,5 +1,3 @@
-"""Declared sizes are compared with the limit before anything is decoded: time and memory stay small."""
-
 import subprocess
 import sys
 

@@ -1,5 +1,3 @@
-"""The plan for a lens's blur in addition to recorded motions: questions, doubts, and the blur."""
-
 from pathlib import Path
 
 import numpy as np

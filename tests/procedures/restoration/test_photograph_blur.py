@@ -1,5 +1,3 @@
-"""Masks from the specification of the blur."""
-
 import numpy as np
 import pytest
 

@@ -1,5 +1,3 @@
-"""A camera with a nonlinearity of 5 %, calibrated by even light, then used with the chart."""
-
 import numpy as np
 import pytest
 

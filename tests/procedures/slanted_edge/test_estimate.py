@@ -1,5 +1,3 @@
-"""MTF across simulated edges against the true optics, uncertainties against the scatter of errors, and refusals."""
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -128,9 +126,6 @@ def test_hot_and_dead_pixels_do_not_matter(rng):
     outcome = estimate_edge(replace(made, samples=samples), Roi.whole(samples))
     assert outcome.verdict is Verdict.PASS
     assert value(outcome).numbers["mtf50"].value == pytest.approx(clean.numbers["mtf50"].value, rel=0.002)
-
-
-# --- refusals ----------------------------------------------------------------------------------------------------
 
 
 def refusal(samples: np.ndarray, words: str) -> None:

@@ -1,5 +1,3 @@
-"""Edges of analytic OTFs, clipped edges, and the verdict of each edge of a frame."""
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Walls that a program or a lens changed: flagged by name; clean ones by none of the tests."""
-
 from collections.abc import Callable
 
 import cv2

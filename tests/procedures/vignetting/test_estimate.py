@@ -1,5 +1,3 @@
-"""Flats of a lens with decentred vignetting, under uneven light."""
-
 import numpy as np
 import pytest
 

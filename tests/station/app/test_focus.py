@@ -1,5 +1,3 @@
-"""Live focus, driven by keys."""
-
 import threading
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,5 +1,3 @@
-"""The guide, driven by keys, with runs that are scripts."""
-
 import threading
 from dataclasses import replace
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""Effects of keys: no accidental move, no second run, no dialog twice, no lost key."""
-
 import asyncio
 import threading
 from functools import partial

@@ -1,5 +1,3 @@
-"""Progress display of the guide during work and with a question."""
-
 import threading
 from dataclasses import replace
 

@@ -1,5 +1,3 @@
-"""The bench and the results, driven by keys."""
-
 import json
 import threading
 from dataclasses import replace
@@ -47,9 +45,6 @@ def lab(tmp_path) -> FakeLab:
 def test_a_small_window_says_so_and_returns_to_the_screen_when_it_is_larger(lab, size):
     small = "too small", Absent(START), lambda driver: driver.pilot.resize_terminal(80, 24)
     play(StationApp(lab), *small, START, Absent("too small"), size=size)
-
-
-# --- bench -------------------------------------------------------------------------------------------------------
 
 
 def test_devices_are_shown_with_what_to_do(lab):
@@ -104,9 +99,6 @@ def test_ctrl_c_stops_an_axis_that_moves(lab):
 def test_a_device_that_refuses_is_a_sentence(lab):
     lab.stage.wrong = OutsideTravel("z_mm 501 lies beyond 0 to 500", "stay inside")
     play(StationApp(lab), START, ["f3", "right"], "z_mm 501 lies beyond 0 to 500. stay inside.")
-
-
-# --- results -----------------------------------------------------------------------------------------------------
 
 
 def gaussian(width_px: float, k: int = 17, s: int = 4) -> Psf:

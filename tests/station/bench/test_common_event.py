@@ -1,5 +1,3 @@
-"""The delay of a cable, from taps that two inertial units feel."""
-
 import pytest
 
 from drivers.errors import BadConfiguration

@@ -1,5 +1,3 @@
-"""`station focus`: where photographs may come from, and what is written of each."""
-
 import json
 import math
 

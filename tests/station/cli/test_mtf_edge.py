@@ -1,5 +1,3 @@
-"""`station mtf edge`: its files, its record, and its exit codes."""
-
 import csv
 import json
 

@@ -1,5 +1,3 @@
-"""The program as a process: what a shell sees."""
-
 import json
 import subprocess
 import sys

@@ -143,9 +143,6 @@ def test_older_result_stays_whole_when_the_new_photograph_cannot_be_read(estimat
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
-# --- what ends with another exit code ----------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [

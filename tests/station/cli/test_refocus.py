@@ -1,5 +1,3 @@
-"""`station refocus`: a restoration's picture with another aperture and focus, and what it cannot work on."""
-
 import json
 import re
 import shutil

@@ -1,5 +1,3 @@
-"""`station restore` with the blur given by an IMU's records, by a measured PSF, and by a field of them."""
-
 import json
 from dataclasses import replace
 from functools import partial
@@ -123,9 +121,6 @@ def test_inconsistent_options_exit_2(shaken, tmp_path, change, complaint):
     restore(
         folder / "1.dng", folder / "2.dng", "--blur", "motion", *change, "--out", tmp_path / "o", code=2, says=complaint
     )
-
-
-# --- measured PSFs -----------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")

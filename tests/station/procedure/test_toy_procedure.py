@@ -1,5 +1,3 @@
-"""A procedure of a package outside: one file of at most 60 lines gets every ability."""
-
 import json
 import os
 import subprocess

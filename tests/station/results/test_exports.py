@@ -1,5 +1,3 @@
-"""What other programs read: FITS by its standard, TIFF, the radial profile and the numbers."""
-
 import csv
 import io
 import math

@@ -1,5 +1,3 @@
-"""Guard bands: the same number meets its limit, is undecided or does not by how far its uncertainty reaches."""
-
 from dataclasses import replace
 from functools import lru_cache
 
@@ -106,9 +104,6 @@ def test_limits_hold_for_their_planes_directions_frequencies_and_places():
     elsewhere = one(Limit("mtf50_radial", most=1.0, place=Place.CORNERS), plane)
     assert elsewhere.judged == "undecided"
     assert "it was not measured there" in elsewhere.words
-
-
-# --- directions, frequencies, places, units ------------------------------------------------------------------------
 
 
 def test_every_place_of_a_frame_has_its_limit_and_what_was_not_measured_one_sentence():

@@ -179,9 +179,6 @@ def test_result_goes_where_a_link_to_a_folder_leads(tmp_path, named):
     assert (tmp_path / named.replace("link", "real") / "result.json").is_file()
 
 
-# --- what is somebody else's ---------------------------------------------------------------------------------------
-
-
 def written(folder, *names, force=False):
     with ResultFolder(folder, force=force) as place:
         for name in names:

@@ -1,5 +1,3 @@
-"""Who may ask what."""
-
 import base64
 import json
 import socket

@@ -1,5 +1,3 @@
-"""The ASCOM Initiative's own client drives every member of the bench's Alpaca devices."""
-
 import json
 import socket
 import threading
@@ -36,9 +34,6 @@ def box(client):
     return device
 
 
-# --- management ----------------------------------------------------------------------------------------------------
-
-
 def test_the_server_reports_its_devices(client):
     assert management.apiversions(client.address) == [1]
     assert management.description(client.address)["ServerName"] == "Calibration station"
@@ -67,9 +62,6 @@ def test_no_member_of_the_client_is_missing(server, kind, device_class, besides)
     read, called = members(device_class)
     there = {*device.gets, *device.puts}
     assert {name for name in (read | called) - besides if name.lower() not in there} == set()
-
-
-# --- what all devices have -----------------------------------------------------------------------------------------
 
 
 def test_every_common_member_answers(client):
@@ -167,9 +159,6 @@ def test_a_stop_is_never_refused(client, served, path, form):
         status, _, body = client.request("PUT", f"/api/v1/{path}", form, **headers)
     assert (status, json.loads(body)["ErrorNumber"]) == (200, 0)
     assert served.bench.stops == ("action" in path)
-
-
-# --- focuser -------------------------------------------------------------------------------------------------------
 
 
 def test_every_member_of_the_focuser(rail, served):
@@ -284,9 +273,6 @@ def test_a_halt_that_comes_before_the_driver_has_its_order_is_not_lost(rail, ser
     assert arrived == [False]
 
 
-# --- switch --------------------------------------------------------------------------------------------------------
-
-
 def test_every_member_of_the_switch(box, served):
     assert box.MaxSwitch == 5
     names = [box.GetSwitchName(number) for number in range(5)]
@@ -327,9 +313,6 @@ def test_every_member_of_the_switch(box, served):
     assert not box.CanAsync(0)
 
 
-# --- conditions ----------------------------------------------------------------------------------------------------
-
-
 def test_every_member_of_the_rooms_conditions(client, served):
     room = observingconditions.ObservingConditions(client.address, 0)
     room.Connected = True
@@ -353,9 +336,6 @@ def test_every_member_of_the_rooms_conditions(client, served):
             getattr(room, name)
     with pytest.raises(NOT_IMPLEMENTED):
         room.SensorDescription("Pressure")
-
-
-# --- the protocol --------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

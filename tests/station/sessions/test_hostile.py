@@ -1,5 +1,3 @@
-"""Nothing typed or found writes outside the session's folder, whatever it is called and wherever links lead."""
-
 import hashlib
 import re
 import tomllib

@@ -1,5 +1,3 @@
-"""Sharpness of one photograph after the other, against the simulated camera's true MTF."""
-
 from dataclasses import replace
 
 import numpy as np

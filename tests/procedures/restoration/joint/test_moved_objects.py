@@ -1,5 +1,3 @@
-"""Motion between photographs, detected from the residual of a restoration."""
-
 from dataclasses import replace
 
 import numpy as np

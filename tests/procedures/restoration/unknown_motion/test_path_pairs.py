@@ -1,5 +1,3 @@
-"""Pairs of curves that the frame around a flat part contradicts weakly and strongly."""
-
 import numpy as np
 import pytest
 

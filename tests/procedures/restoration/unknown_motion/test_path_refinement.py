@@ -1,5 +1,3 @@
-"""Refinement of paths from a flat part by other depths."""
-
 import numpy as np
 import pytest
 
