@@ -24,13 +24,9 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, gaussian_filter1d, map_coordinates, spline_filter
 from scipy.stats import beta
 
+from procedures import Plane, Roi, estimate_edge, estimate_edges, estimate_psf, estimate_psf_of_pair
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_print.formats import bitmap
-from procedures.pattern_psf.estimate import estimate_psf
-from procedures.raw import Plane
-from procedures.slanted_edge.estimate import estimate_edge, estimate_edges
-from procedures.slanted_edge.strip import Roi
-from procedures.two_photo.estimate import estimate_psf_of_pair
 
 Array = np.ndarray
 Rng = np.random.Generator

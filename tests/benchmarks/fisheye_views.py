@@ -24,13 +24,12 @@ from scipy.interpolate import BSpline, RectBivariateSpline
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
+from procedures import GeometryParameters, Plane, calibrate_geometry
 from procedures.geometry.chart_bins.photographs import views_of
-from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
 from procedures.geometry.uncertainty import enclosed
 from procedures.geometry.views import chart_nodes
 from procedures.pattern import BLOCK, CELLS, Chart
 from procedures.pattern_print.formats import bitmap
-from procedures.raw import Plane
 
 Array = np.ndarray
 

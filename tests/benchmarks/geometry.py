@@ -19,17 +19,14 @@ from typing import Any
 import cv2
 import numpy as np
 
+from procedures import Chart, GeometryParameters, Plane, calibrate_geometry, read_frame, view_of
 from procedures.geometry.adjustment import AdjustmentProblem, adjust
 from procedures.geometry.cameras import MODELS
-from procedures.geometry.chart_bins.photographs import view_of
-from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
 from procedures.geometry.reference import first_state, fit_formula, fit_model
 from procedures.geometry.shape import estimated_node_errors, shape_model
 from procedures.geometry.uncertainty import projection_uncertainty
-from procedures.pattern import Chart
 from procedures.pattern_psf.chart_finding.detection import find_charts, one_chart
 from procedures.pattern_psf.correspondences import bin_centres
-from procedures.raw import Plane, read_frame
 from simulators.camera.camera import Lens, SimulatedCamera
 from simulators.camera.optics import Optics
 from simulators.camera.sensor import Sensor

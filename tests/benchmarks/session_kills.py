@@ -33,8 +33,7 @@ from errno import ENOSPC
 from pathlib import Path
 from typing import Any
 
-from procedures.outcome import ProcedureError
-from procedures.raw import read_frame
+from procedures import ProcedureError, read_frame
 from simulators.bench.body import Opening
 from station.bench.opening import simulated_bench
 from station.common.durable_files import Disk

@@ -12,11 +12,9 @@ import argparse
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from procedures import Chart, GeometryParameters, Plane, calibrate_geometry
 from procedures.geometry.chart_bins.photographs import views_of
-from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
 from procedures.geometry.views import ChartView
-from procedures.pattern import Chart
-from procedures.raw import Plane
 from tests.benchmarks.fisheye_views import CELL_MM, Array, Pose, photograph, polynomial
 
 SIZE, RATE_HZ = (1280, 960), 30.0

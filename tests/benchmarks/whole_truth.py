@@ -21,19 +21,16 @@ from pathlib import Path
 
 import numpy as np
 
+from procedures import Chart, Psf, Roi, estimate_edge
 from procedures.field.estimate import FIELD
 from procedures.field.interpolate import interpolate
 from procedures.field.maps import MAPS, numbers_of, radius_direction
 from procedures.field.measuring import measure_frames
 from procedures.field.plan import locations
 from procedures.outcome import Quantity, Verdict
-from procedures.pattern import Chart
 from procedures.pattern_psf.outline import SHEET
-from procedures.psf import Psf
 from procedures.raw import Plane, RawFrame
 from procedures.reading.exposure import Exposure
-from procedures.slanted_edge.estimate import estimate_edge
-from procedures.slanted_edge.strip import Roi
 from procedures.two_photo.estimate import estimate_psf_of_pair as by_wall
 from simulators.camera.camera import true_mtf, true_psf
 from simulators.camera.optics import CircularPupil, GaussianBlur, Optics, PixelAperture

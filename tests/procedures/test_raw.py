@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 import rawpy
 
-from procedures.outcome import BadInput, BadParameter
+from procedures import BadInput, BadParameter, DumpLayout
 from procedures.raw import default_plane, read_frame, read_planes
-from procedures.reading.sensor_dump import DumpLayout
 
 WHITE = 16383
 BLACKS = np.array([[256, 257], [258, 259]])

@@ -1,11 +1,10 @@
 import numpy as np
 import pytest
 
-from procedures.correction.estimate import CorrectionParameters, correct
+from procedures import CorrectionParameters, Plane, correct
 from procedures.correction.loss import PLACES, field_error
 from procedures.correction.optics import PlaneFields
 from procedures.correction.priors import Prior
-from procedures.raw import Plane
 
 from .lens_photographs import Sensor
 from .small_lens import RIM, SmallLens, grey, scene

@@ -3,12 +3,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from procedures import BadInput, PatternParameters, Refused, Verdict, assess
 from procedures.field import estimate
 from procedures.field.estimate import FrameNodes, estimate_field, measure_frame
-from procedures.outcome import BadInput, Refused, Verdict
 from procedures.pattern import CELLS, Chart
-from procedures.pattern_psf.estimate import PatternParameters
-from procedures.quality import assess
 from procedures.raw import Plane, RawFrame, read_frame
 from simulators.camera.camera import Lens, SimulatedCamera, true_mtf
 from simulators.camera.sensor import Sensor

@@ -4,11 +4,10 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from procedures import Psf, Refused
 from procedures.field.focus import FREQUENCY, FocusSurface, best_focus, focus_surface, sharpest
 from procedures.field.maps import radius_direction
 from procedures.field.surfaces import fit_surface
-from procedures.outcome import Refused
-from procedures.psf import Psf
 from procedures.psf_field import Node, in_half_diagonals
 
 from .lens import LENS, NEAR, SHAPE, FieldCamera, K, S, grid, nodes

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from procedures.pattern import Chart
+from procedures import Chart, read_frame
 from procedures.pattern_psf.checks import (
     best_place,
     check_distance,
@@ -18,7 +18,6 @@ from procedures.pattern_psf.distance.ranging import fit_offset_mm, range_reading
 from procedures.pattern_psf.facts import RATIO
 from procedures.pattern_psf.pose import ChartPose, ImagingGeometry, chart_pose
 from procedures.plan import Facts
-from procedures.raw import read_frame
 from simulators.camera.camera import Lens, SimulatedCamera, pixels_at
 from simulators.camera.sensor import Sensor
 from simulators.world.projection import ObjectPose

@@ -3,10 +3,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from procedures.outcome import BadParameter
+from procedures import BadParameter, filter_film
 from procedures.ray_histogram.adaptive import allot
 from procedures.ray_histogram.film import Film, film_of_samples
-from procedures.ray_histogram.multiscale import filter_film
 
 
 @pytest.fixture

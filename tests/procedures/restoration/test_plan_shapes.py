@@ -3,14 +3,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from procedures.outcome import BadInput, BadParameter
+from procedures import BadInput, BadParameter, KnownShapes, blur_of
 from procedures.plan import HAS_SHAKER, facts_as
 from procedures.raw import Plane, RawFrame
 from procedures.reading.exposure import Exposure
 from procedures.restoration.facts import MOTIONS, RestorationFacts
 from procedures.restoration.known_blur import blur_spec
 from procedures.restoration.masks.psf_shapes import measured_shape
-from procedures.restoration.photograph_blur import KnownShapes, blur_of
 from procedures.restoration.plan import plan
 from procedures.restoration.plan_checks import checks
 

@@ -5,10 +5,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from procedures.outcome import BadParameter, Outcome, Verdict
-from procedures.raw import read_frame
+from procedures import BadParameter, Outcome, Roi, Verdict, read_frame
 from procedures.slanted_edge.estimate import EdgeMtf, estimate_edge, estimate_edges
-from procedures.slanted_edge.strip import Roi
 from simulators.camera.optics import Optics
 from simulators.camera.pupil import Wavefront
 from simulators.world.scene import Illumination

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from drivers.errors import EmergencyStopped, OutsideTravel
+from procedures import Psf, assess
 from procedures.outcome import Cause, Verdict
 from procedures.plan import Ask
-from procedures.psf import Psf
-from procedures.quality import assess
 from station.app.app import StationApp
 from station.app.screens.dialogs import Choose
 from station.app.screens.result_view import mtf_plot, plane_in_words, specified

@@ -3,9 +3,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from procedures.outcome import BadParameter
+from procedures import BadParameter, read_frame
 from procedures.plan import Tour
-from procedures.raw import read_frame
 from station.calibration.series import best_focuses, points_of
 from station.guide.plans import series
 from tests.station.sessions.short_plan import photographs

@@ -4,12 +4,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from procedures.pattern import Chart
+from procedures import Chart, Plane, read_frame
 from procedures.pattern_psf.facts import PatternFacts
 from procedures.pattern_psf.focus.aperture import KEY, check_aperture, f_number_of_tails
 from procedures.psf import Psf, PsfTail
 from procedures.quality import CAMERA, OPERATOR, Diffraction
-from procedures.raw import Plane, read_frame
 from simulators.bench.view import bench_camera
 from simulators.world.projection import ObjectPose
 from simulators.world.scene import PlacedChart, Scene
