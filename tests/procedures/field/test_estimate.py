@@ -31,12 +31,8 @@ def shot(tmp_path_factory):
     return camera.photograph(Scene(tuple(placed)), np.random.default_rng(3), path)
 
 
-@pytest.fixture(scope="module")
-def frame_nodes(shot):
-    return measure_frame(read_frame(shot.path), CHART, PARAMETERS)
-
-
-def test_nodes_and_lateral_colour_are_those_of_the_charts_and_a_failed_chart_is_named(shot, frame_nodes):
+def test_nodes_and_lateral_colour_are_those_of_the_charts_and_a_failed_chart_is_named(shot):
+    frame_nodes = measure_frame(read_frame(shot.path), CHART, PARAMETERS)
     for plane, nodes in frame_nodes.nodes.items():
         assert [node.number for node in nodes] == [1, 3]  # from left to right; the middle one is hidden
         for node, chart in zip(nodes, (2, 0), strict=True):

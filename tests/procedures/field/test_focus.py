@@ -28,11 +28,6 @@ def bracket(covariance):
     return drawn_bracket(covariance, 11)
 
 
-@pytest.fixture(scope="module")
-def surface(bracket):
-    return focus_surface(bracket, SHAPE, unit="um")
-
-
 @lru_cache
 def true_focus(x, y, angle):
     """True focus of the greatest MTF; the photosites' factor is the same at every focus."""
@@ -58,7 +53,8 @@ def test_best_focus_is_within_its_band_over_the_field(covariance):
     assert np.mean(inside) >= 0.9
 
 
-def test_tilt_and_curvature_are_those_of_the_lens(surface):
+def test_tilt_and_curvature_are_those_of_the_lens(bracket):
+    surface = focus_surface(bracket, SHAPE, unit="um")
     # W = tilt . q + curvature |q - a|^2, compensated by the added defocus; 4 sigma, and 3 % because coma and
     # astigmatism perturb the quadratic
     numbers = surface.numbers()

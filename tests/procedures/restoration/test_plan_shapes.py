@@ -20,11 +20,6 @@ def frame(samples):
     return RawFrame(Path("a"), "", {"Y": Plane("Y", samples.astype(np.float32), 1 / 65535)}, Exposure())
 
 
-@pytest.fixture
-def image(rng):
-    return 0.5 + 0.1 * rng.standard_normal((80, 96))
-
-
 def measured(name, plane, size):
     """Stands for files: a measured PSF, a text array, or none."""
     if name.endswith(".npy"):
@@ -61,7 +56,8 @@ def test_shapes_from_files_are_refused_or_end_the_search():
     assert not ask.when({**known, HAS_SHAKER: True})
 
 
-def test_measured_shapes_are_common_or_each_photographs_and_fields_of_its_size(image):
+def test_measured_shapes_are_common_or_each_photographs_and_fields_of_its_size(rng):
+    image = 0.5 + 0.1 * rng.standard_normal((80, 96))
     frames, apertures = [frame(image)] * 2, {**FACTS, "shape": "3.npy"}
     one = blur_spec(frames, facts_as(RestorationFacts, apertures), measured).source
     assert (len(one.shapes), one.ratios) == (2, (1.0, 1.25))

@@ -7,11 +7,6 @@ from tests.program import run
 
 
 @pytest.fixture
-def cornell(shared_data):
-    return shared_data / "rays" / "cornell_00064_f16.npz"
-
-
-@pytest.fixture
 def small(rng, tmp_path):
     """A film's file made of raw samples: a grey wall beside a white one."""
     level = np.where(np.arange(26) < 13, 0.3, 1.2)[None, :, None, None]
@@ -25,7 +20,8 @@ def record_of(folder):
 
 
 @pytest.mark.slow
-def test_a_render_is_filtered_and_measured(cornell, shared_data, tmp_path):
+def test_a_render_is_filtered_and_measured(shared_data, tmp_path):
+    cornell = shared_data / "rays" / "cornell_00064_f16.npz"
     run("rays", cornell, "--reference", shared_data / "rays" / "cornell_reference.npz", "--out", tmp_path)
     names = ["filtered.png", "filtered.tiff", "rays.html", "result.json", "similar.npy"]
     assert sorted(path.name for path in tmp_path.iterdir()) == names

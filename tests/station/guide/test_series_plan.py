@@ -10,20 +10,16 @@ from station.guide.plans import series
 from tests.station.sessions.short_plan import photographs
 
 
-@pytest.fixture
-def frame(tmp_path):
-    path = tmp_path / "1.dng"
-    path.write_bytes(photographs()["look"])
-    return read_frame(path)
-
-
 def stops(plan, facts):
     (step,) = (one for one in plan.steps if one.name == "series")
     (tour,) = (one for one in step.requests if isinstance(one, Tour))
     return tour.stops(facts)
 
 
-def test_each_aperture_is_set_with_its_exposure_time_and_checked_in_the_file(frame):
+def test_each_aperture_is_set_with_its_exposure_time_and_checked_in_the_file(tmp_path):
+    path = tmp_path / "1.dng"
+    path.write_bytes(photographs()["look"])
+    frame = read_frame(path)
     facts = {"apertures": "4, 8", "f_number": 4.0}
     wide, narrow = stops(series.aperture_plan(), facts)
     assert wide.go.say(facts) == ""

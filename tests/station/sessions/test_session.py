@@ -49,12 +49,6 @@ def again(session, **options) -> Session:
     return Session.open(session.folder, FixedClock(), today=today, **options)
 
 
-@pytest.fixture
-def finished(tmp_path):
-    work = Work(tmp_path / "sessions", Camera(tmp_path / "incoming"))
-    return work.go(Disk())
-
-
 def test_a_small_session_is_recorded_as_documented(tmp_path, monkeypatch):
     for module in (reader, session_module):
         monkeypatch.setattr(module, "machine", lambda: {"cores": 2})
@@ -137,7 +131,9 @@ def test_photograph_is_kept_read_only_and_stays_where_the_camera_put_it(session,
     assert shot.exposure["settings"]["exposure_s"] == 0.02
 
 
-def test_coreutils_check_its_hashes(finished):
+def test_coreutils_check_its_hashes(tmp_path):
+    work = Work(tmp_path / "sessions", Camera(tmp_path / "incoming"))
+    finished = work.go(Disk())
     done = subprocess.run(["sha256sum", "--check", "SHA256SUMS"], cwd=finished.folder, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert len(done.stdout.splitlines()) == 1 + 3 + 2  # configuration, photographs, files of the result
