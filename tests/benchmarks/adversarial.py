@@ -43,9 +43,6 @@ CURVE = np.arange(0.05, 0.51, 0.05)
 """Frequencies at which curves are compared, in cycles/pixel."""
 
 
-# --- lenses ----------------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Lens:
     """A pupil of a cutoff (cycles/pixel) with aberrations in waves, a Gaussian blur, and pixels of a fill factor.
@@ -116,9 +113,6 @@ def draw_lens(rng: Rng) -> Lens:
     )[kind]
     aberrations = {name: round(float(value), 1) for name, value in aberrations.items()}
     return Lens(rng.uniform(0.6, 3.0), rng.uniform(0.0, 0.9), rng.uniform(0.6, 1.0), **aberrations)
-
-
-# --- photographs -----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -330,9 +324,6 @@ def photograph(seed: int, corruption: Corruption, *, source: str, scene: str = "
     return Photograph(plane, lens.mtf50(direction_deg) / scale, truth)
 
 
-# --- corruptions -----------------------------------------------------------------------------------------------------
-
-
 def unsharp(amount: float, radius_px: float, threshold: float = 0.0) -> Corruption:
     """Unsharp mask; the threshold is in noises at white."""
 
@@ -537,9 +528,6 @@ CORRUPTIONS: dict[str, Corruption] = {
 }  # fmt: skip
 
 
-# --- estimators ------------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Answer:
     """What an estimator says: verdict, MTF50, its uncertainty, the curve and its uncertainty at `CURVE`, and the
@@ -594,9 +582,6 @@ def by_wall(near: Plane, far: Plane) -> Answer:
 
 ESTIMATORS: dict[str, Callable[[Plane, int], Answer]] = {"edge": by_edge, "chart": by_chart}
 """By the name of their scene."""
-
-
-# --- statistics ------------------------------------------------------------------------------------------------------
 
 
 def at_most(count: int, of: int) -> float:

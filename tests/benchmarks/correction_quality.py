@@ -109,8 +109,6 @@ def frame_of(image: Array, seed: int) -> tuple[RawFrame, Array]:
     return RawFrame(Path("simulated"), "", planes, Exposure()), mosaic
 
 
-# --- peers ---
-
 PROFILE = """[Version]
 AppVersion=5.9
 Version=349
@@ -187,9 +185,6 @@ def richardson_lucy(first: Array, kernels: Sequence[Sequence[Sequence[Array]]], 
             break
         best = error, u[inner], k
     return best[1], best[2]
-
-
-# --- figures ---
 
 
 def psnr(picture: Array, truth: Array) -> Array:

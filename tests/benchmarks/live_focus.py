@@ -41,9 +41,6 @@ SWEEPS, PLACES, REACH_DIOPTRES = 20, 5, 0.025
 F_NUMBERS = (2.8, 4.0)
 
 
-# --- how soon --------------------------------------------------------------------------------------------------------
-
-
 def timed(owner: Any, name: str, took: list[float]) -> None:
     """Note the processor time of every call, of the thread that it is in."""
     function = getattr(owner, name)
@@ -125,9 +122,6 @@ def latency() -> None:
     for what, seconds in {"file to number, by the clock": took, **parts}.items():
         first, *rest = seconds
         print(f"  {what:28} the first {first:.2f} s, the {len(rest)} after it {min(rest):.2f} to {max(rest):.2f} s")
-
-
-# --- how near --------------------------------------------------------------------------------------------------------
 
 
 def true_mtf50(camera: SimulatedCamera, placed: PlacedChart, dioptres: float) -> float:

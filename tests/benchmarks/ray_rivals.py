@@ -49,9 +49,6 @@ SCALES, SEARCH, PATCH = 3, 6, 1
 LEAST_EIGENVALUE = 1e-10
 
 
-# --- Welch ---------------------------------------------------------------------------------------------------------
-
-
 def welch(film: Film, critical: float, power: float, radius: int) -> Doubles:
     """The film's picture, each pixel averaged with those that no Welch test distinguishes from it in a colour."""
     mean, error = _transformed(film, power)
@@ -90,9 +87,6 @@ def _pair(size: tuple[int, ...], dy: int, dx: int) -> tuple[Any, Any]:
     rows, columns = size
     first = np.s_[: rows - dy, max(0, -dx) : columns - max(0, dx)]
     return first, np.s_[dy:, max(0, dx) : columns - max(0, -dx)]
-
-
-# --- collaborative -------------------------------------------------------------------------------------------------
 
 
 def collaborative(film: Film, covariance: Doubles, kappa: float = 1.0) -> Doubles:
@@ -175,9 +169,6 @@ def _estimate(patches: Doubles, noise: Doubles) -> Doubles:
         gain = np.linalg.solve(prior + noise + LEAST_EIGENVALUE * np.eye(size), prior)
         known = mean + (patches - mean) @ gain
     return known
-
-
-# --- comparison ----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

@@ -67,9 +67,6 @@ def estimate(frames: Any, facts: object, known: object) -> dict[str, Any]:
     return {"G1": replace(found, value=replace(found.value, psf=psf))}
 
 
-# --- faults ------------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Fault:
     """What goes wrong in one process: `at` is a time in s, an operation, a frame, or a size in bytes."""
@@ -129,9 +126,6 @@ class FaultyDisk(Disk):
         if self.count == self.fault.at and self.fault.kind == "after":
             die()
         return value
-
-
-# --- one process -------------------------------------------------------------------------------------------------
 
 
 class Log:
@@ -240,9 +234,6 @@ def logged(root: Path) -> list[list[Any]]:
     return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
 
 
-# --- what must be so ---------------------------------------------------------------------------------------------
-
-
 def results(folder: Path) -> dict[str, bytes]:
     """Every file under derived/; in the record, photographs go by hashes, and its own hash and the room are dropped.
 
@@ -287,9 +278,6 @@ def complaints(root: Path, reference: Path) -> list[str]:
     if len(set(counting)) != SHOTS or len(counting) != SHOTS:
         found.append(f"{len(counting)} shots count, {len(set(counting))} of them different")
     return found
-
-
-# --- all of them -------------------------------------------------------------------------------------------------
 
 
 def chosen(rng: random.Random, duration_s: float, operations: int, size: int) -> Fault:

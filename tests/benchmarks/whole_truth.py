@@ -75,9 +75,6 @@ def place_at(x: float, y: float, f_number: float) -> Place:
     return Place(Optics(parts, PITCH_UM), "Y", 1)
 
 
-# --- the field ------------------------------------------------------------------------------------------------------
-
-
 def tour() -> list[tuple[float, float]]:
     """Where the guide's usual tour has its charts, (x, y) in pixels."""
     known = dict.fromkeys(("distance_mm", "principal_px", "x", "y"), 1.0) | {"rows": SHAPE[0], "columns": SHAPE[1]}
@@ -138,9 +135,6 @@ def numbers_at(psf: Psf, at: tuple[float, float], f_number: float, of: tuple[str
     true = [*true_numbers(place, radius)[:-1], true_psf(place.optics, S, psf.k).energy_outside]
     for name, value, uncertainty, truth in zip(MAPS, *numbers_of(psf, radius), true, strict=True):
         yield Row(of[0], f_number, of[1], name, float(value), float(uncertainty), float(truth))
-
-
-# --- two photographs and edges --------------------------------------------------------------------------------------
 
 
 def two_places(f_number: float) -> dict[str, Place]:
