@@ -98,13 +98,6 @@ def test_a_budget_is_allotted_to_the_pixels(small, tmp_path):
     assert more[:, 15:].mean() > 2 * more[:, :11].mean()
 
 
-def test_neighbours_lend_samples(small, tmp_path):
-    run("rays", small, "--out", tmp_path / "one", "--scales", "1")
-    run("rays", small, "--neighbour", small, "--out", tmp_path / "two", "--scales", "1")
-    one, two = (np.load(tmp_path / name / "similar.npy") for name in ("one", "two"))
-    assert (two > one).all()
-
-
 @pytest.fixture
 def sequence(rng, tmp_path):
     """Three frames of a grey wall."""
