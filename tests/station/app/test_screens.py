@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from drivers.errors import EmergencyStopped, OutsideTravel
-from procedures import Psf, assess
+from procedures import assess
 from procedures.outcome import Cause, Verdict
 from procedures.plan import Ask
 from station.app.app import StationApp
@@ -26,6 +26,7 @@ from station.results.plane_result import PlaneResult
 from station.results.psf_files import write_psf_result
 from station.results.record_head import RecordHead
 from station.results.result_files import ResultFolder, write_record
+from tests.psfs import gaussian
 
 from .driving import BEGIN, PATIENCE_S, START, Absent, Act, play
 from .fakes import FakeLab, FakeRun, FakeStage, chosen_step
@@ -98,13 +99,6 @@ def test_ctrl_c_stops_an_axis_that_moves(lab):
 def test_a_device_that_refuses_is_a_sentence(lab):
     lab.stage.wrong = OutsideTravel("z_mm 501 lies beyond 0 to 500", "stay inside")
     play(StationApp(lab), START, ["f3", "right"], "z_mm 501 lies beyond 0 to 500. stay inside.")
-
-
-def gaussian(width_px: float, k: int = 17, s: int = 4) -> Psf:
-    x = (np.arange(k) - k // 2) / s
-    h = np.exp(-(x[:, None] ** 2 + x**2) / (2 * width_px**2))
-    h /= h.sum()
-    return Psf(h, s, np.eye(k * k) * 1e-8)
 
 
 def write_result(sessions: Path, name: str, width_px: float) -> Path:
