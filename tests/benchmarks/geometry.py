@@ -6,7 +6,6 @@ A camera of 24 megapixels with radial, tangential and thin-prism distortion, 12 
 every node and a sheet that bends by 0.5 mm; points with noise of 0.01 pixel.
 """
 
-import argparse
 import os
 import platform
 import tempfile
@@ -31,6 +30,7 @@ from simulators.camera.camera import Lens, SimulatedCamera
 from simulators.camera.optics import Optics
 from simulators.camera.sensor import Sensor
 from simulators.world.scene import Scene
+from tests.benchmarks import options
 from tests.procedures.geometry.simulated_views import (
     CELL_MM,
     Shoot,
@@ -247,13 +247,10 @@ def main() -> None:
         "photographs": photographs,
         "bins": bins,
     }
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("parts", nargs="*", choices=[*parts, []])
-    parser.add_argument("--draws", type=int, default=100)
-    given = parser.parse_args()
+    given = options(__doc__, "parts", parts=list(parts), draws=100)
     print(f"Python {platform.python_version()}, {platform.machine()}, {os.cpu_count()} cores; "
           f"{len(true_poses(SHOOT))} views")  # fmt: skip
-    for part in given.parts or parts:
+    for part in given.parts:
         parts[part](given.draws)
 
 
