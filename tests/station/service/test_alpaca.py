@@ -104,8 +104,7 @@ def requested(client, method, member, number, form=""):
     if method == "GET":
         _, _, body = client.request("GET", f"{path}?{form}")
     else:
-        headers = {"Content-Type": "application/x-www-form-urlencoded"}
-        _, _, body = client.request("PUT", path, form.encode(), **headers)
+        _, _, body = client.request("PUT", path, form.encode())
     reply = json.loads(body)
     return reply["ErrorNumber"], reply.get("Value")
 
@@ -154,9 +153,8 @@ def test_each_client_that_connects_beside_hears_how_its_own_attempt_went(client,
 )
 def test_a_stop_is_never_refused(client, served, path, form):
     # nobody has connected the device, and somebody else has the bench
-    headers = {"Content-Type": "application/x-www-form-urlencoded"}
     with served.tenancy.held("a run of the plan short"):
-        status, _, body = client.request("PUT", f"/api/v1/{path}", form, **headers)
+        status, _, body = client.request("PUT", f"/api/v1/{path}", form)
     assert (status, json.loads(body)["ErrorNumber"]) == (200, 0)
     assert served.bench.stops == ("action" in path)
 
@@ -326,8 +324,8 @@ def test_every_member_of_the_rooms_conditions(client, served):
     assert {one["Name"] for one in room.DeviceState} == {"Temperature", "Humidity"}
     room.Refresh()
     for hours, error in ((0, 0), (1, 0x401)):
-        form, headers = f"AveragePeriod={hours}".encode(), {"Content-Type": "application/x-www-form-urlencoded"}
-        _, _, body = client.request("PUT", "/api/v1/observingconditions/0/averageperiod", form, **headers)
+        form = f"AveragePeriod={hours}".encode()
+        _, _, body = client.request("PUT", "/api/v1/observingconditions/0/averageperiod", form)
         assert json.loads(body)["ErrorNumber"] == error
     with pytest.raises(exceptions.InvalidValueException, match="the name of a sensor; got 'nose'"):
         room.SensorDescription("nose")
@@ -360,8 +358,7 @@ def test_every_member_of_the_rooms_conditions(client, served):
 )
 def test_requests_are_read_by_the_standard(shared_server, method, path, form, status):
     client, _ = shared_server
-    headers = {"Content-Type": "application/x-www-form-urlencoded"}
-    came, _, body = client.request(method, f"/api/v1/{path}", form, **headers)
+    came, _, body = client.request(method, f"/api/v1/{path}", form)
     assert came == status, body
     assert b'"ClientTransactionID": 77' in body or "77" not in path
 
@@ -376,7 +373,6 @@ def test_transactions_are_numbered_and_strangers_are_turned_away(shared_server):
 
 def stranger(client, path, form=b"", **headers):
     """Status and body of a PUT without the token."""
-    headers = {"Content-Type": "application/x-www-form-urlencoded", **headers}
     status, _, body = Client(client.port, "").request("PUT", f"/api/v1/{path}", form, **headers)
     return status, body
 
