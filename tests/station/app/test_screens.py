@@ -2,11 +2,13 @@ import json
 import threading
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from drivers.errors import EmergencyStopped, OutsideTravel
+from drivers.interfaces import Condition
 from procedures import assess
 from procedures.outcome import Cause, Verdict
 from procedures.plan import Ask
@@ -71,6 +73,18 @@ def test_an_emergency_stop_takes_a_question_back_that_would_begin_a_movement(lab
     back = ["f12", "enter"], lambda driver: not isinstance(driver.app.screen, Choose), ["enter"]
     play(StationApp(lab), *asked, *back)
     assert not lab.stage.homed
+
+
+def test_a_dark_lamp_asks_before_it_is_lit_and_stays_between_dark_and_full(lab):
+    levels = [0.0]
+    lab.bench.devices["light"] = SimpleNamespace(  # type: ignore[assignment]
+        address="", connect=lab.stage.connect, condition=lambda: Condition("on"), level=lambda: levels[-1],
+        set_level=levels.append, emergency_stop=lambda: None, close=lambda: None,
+    )  # fmt: skip
+    lab.bench.drivers["light"] = "fake"
+    begun = START, ["f3"], "not homed. home it", ["d"], "lamp is at 0 %", ["b"], "Do not look into it"
+    lit = ["enter"], "lamp is at 10 %", ["b"], "lamp is at 20 %", ["d"], lambda driver: levels[-1] == 0.1
+    play(StationApp(lab), *begun, lambda driver: levels == [0.0, 0.0], *lit)
 
 
 class MovesUntilStopped(FakeStage):
