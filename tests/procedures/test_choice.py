@@ -1,18 +1,19 @@
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from procedures.choice import assess_trial, band_edge, choose, remaining_change
+from procedures.choice import Trial, assess_trial, band_edge, choose, remaining_change
 from procedures.psf import Psf, PsfTail
 from tests.psfs import gaussian
 
 SIGMA = 0.35
 
 
-def psf_of(s: int, k: int, tail: float = 0.0) -> Psf:
+def psf_of(s: int, k: int, *, noise: float = 1e-5, tail: float = 0.0, sigma: float = SIGMA) -> Psf:
     outside = PsfTail(np.array([tail]), np.zeros((1, 1)), np.zeros((k * k, 1)))
-    return replace(gaussian(SIGMA, s, k, 1e-5), tail=outside)
+    return replace(gaussian(sigma, s, k, noise), tail=outside)
 
 
 def test_s_and_k_are_raised_while_they_leave_something_out_and_kept_where_given():
@@ -42,6 +43,21 @@ def test_s_and_k_are_raised_while_they_leave_something_out_and_kept_where_given(
     assert tried[0].s == 3
     _, tried = choose(lambda s, k: psf_of(s, k, tail=0.3), lambda psf: psf, samples=3000, most_s=4, s=None, k=None)
     assert max(trial.k for trial in tried) <= (3000 / 8) ** 0.5
+
+
+def test_a_support_that_cuts_off_the_core_is_widened_while_that_helps() -> None:
+    def trials(sigma: Callable[[int], float]) -> tuple[Psf, tuple[Trial, ...]]:
+        def attempt(s: int, k: int) -> Psf:
+            return psf_of(s, k, noise=1e-4, tail=1e-4, sigma=sigma(k))
+
+        return choose(attempt, lambda psf: psf, samples=200_000, most_s=4, s=4, k=None)
+
+    _, tried = trials(lambda k: 1.2)
+    assert [trial.cuts_off for trial in tried] == [True, True, True, False]
+    assert tried[-1].k == 35
+    result, (trial,) = trials(lambda k: 1.2 if k == 17 else 50.0)
+    assert trial.cuts_off  # uneven light ends nowhere: the narrower support is kept
+    assert result.k == trial.k == 17
 
 
 def test_settled_when_the_last_step_moved_nothing() -> None:
