@@ -24,14 +24,12 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, gaussian_filter1d, map_coordinates, spline_filter
 from scipy.stats import beta
 
+from procedures import Plane, Roi, estimate_edge, estimate_edges, estimate_psf, estimate_psf_of_pair
 from procedures.outcome import Outcome
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_print.formats import bitmap
-from procedures.pattern_psf.estimate import PatternPsf, estimate_psf
-from procedures.raw import Plane
-from procedures.slanted_edge.estimate import estimate_edge, estimate_edges
-from procedures.slanted_edge.strip import Roi
-from procedures.two_photo.estimate import TwoPhotoPsf, estimate_psf_of_pair
+from procedures.pattern_psf.estimate import PatternPsf
+from procedures.two_photo.estimate import TwoPhotoPsf
 
 Array = np.ndarray
 Rng = np.random.Generator
@@ -46,9 +44,6 @@ FAR, SHIFTED = 3.0, 0.03
 """Stated uncertainties beyond which a pass is wrong; shift of MTF50 from which a corruption counts."""
 CURVE = np.arange(0.05, 0.51, 0.05)
 """Frequencies at which curves are compared, in cycles/pixel."""
-
-
-# --- lenses ----------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -121,9 +116,6 @@ def draw_lens(rng: Rng) -> Lens:
     )[kind]
     aberrations = {name: round(float(value), 1) for name, value in aberrations.items()}
     return Lens(rng.uniform(0.6, 3.0), rng.uniform(0.0, 0.9), rng.uniform(0.6, 1.0), **aberrations)
-
-
-# --- photographs -----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -334,9 +326,6 @@ def photograph(seed: int, corruption: Corruption, *, source: str, scene: str = "
     scale = corruption.scale / pitch
     truth = np.abs(lens.along(direction_deg, CURVE * scale))
     return Photograph(plane, lens.mtf50(direction_deg) / scale, truth)
-
-
-# --- corruptions -----------------------------------------------------------------------------------------------------
 
 
 def unsharp(amount: float, radius_px: float, threshold: float = 0.0) -> Corruption:
@@ -556,9 +545,6 @@ CORRUPTIONS: dict[str, Corruption] = {
 }  # fmt: skip
 
 
-# --- estimators ------------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Answer:
     """What an estimator says: verdict, MTF50, its uncertainty, the curve and its uncertainty at `CURVE`, and the
@@ -607,9 +593,6 @@ def _along_rows(outcome: Outcome[PatternPsf] | Outcome[TwoPhotoPsf]) -> Answer:
 
 ESTIMATORS: dict[str, Callable[[Plane, int], Answer]] = {"edge": by_edge, "chart": by_chart}
 """By the name of their scene."""
-
-
-# --- statistics ------------------------------------------------------------------------------------------------------
 
 
 def at_most(count: int, of: int) -> float:

@@ -120,9 +120,6 @@ def test_a_reply_that_slips_by_one_is_never_taken_for_the_next(twin):
     assert probe.read()["humidity"].value == pytest.approx(45.2)
 
 
-# --- VISA ------------------------------------------------------------------------------------------------------------
-
-
 @pytest.fixture
 def library(tmp_path):
     pytest.importorskip("pyvisa", reason="pyvisa is not installed (extra `visa`)")

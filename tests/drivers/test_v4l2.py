@@ -233,8 +233,6 @@ def test_it_stands_in_station_toml(tmp_path, monkeypatch):
         read_config(tmp_path / "station.toml")
 
 
-# --- what others wrote --------------------------------------------------------------------------------------------
-
 STRUCTURES = {
     "v4l2_capability": (kernel.Capability, {"version": "version", "device_caps": "device_caps"}),
     "v4l2_fmtdesc": (kernel.FormatDescription, {"description": "description", "pixelformat": "pixel_format"}),

@@ -232,9 +232,6 @@ def test_the_report_leads_to_all_parts_and_is_recomputed_bitwise(done):
     assert photographs(done.folder) == [done.folder / shot.path for shot in done.shots[2]]
 
 
-# --- the same photographs by the plans that take a part of them -----------------------------------------------------
-
-
 def concluded(root: Path, name: str, photographs: list, facts: dict) -> SimpleNamespace:
     """The last two steps of a plan, given its photographs."""
     waiting, whole = [path.read_bytes() for path in photographs], plan_named(name)

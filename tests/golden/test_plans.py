@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from procedures import Chart, ProcedureError
 from procedures.field.plan import BEFORE
-from procedures.outcome import ProcedureError
-from procedures.pattern import Chart
 from procedures.plan import Ask, Estimate, Facts, Give, Go, Known, Look, Plan, Scan, SetLight, Shoot, Show, Tour
 from procedures.raw import Plane, RawFrame, read_frame
 from procedures.reading.exposure import Exposure

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
+from procedures import Plane, Psf
 from procedures.correction.optics import PlaneFields
 from procedures.field.interpolate import interpolate
-from procedures.psf import Psf
 from procedures.psf_field import Node
-from procedures.raw import Plane
 
 K, S, N = 9, 3, 64
 SHAPE = (60, 80)

@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from procedures import Chart, Plane
 from procedures.cross_check.estimate import EdgeCheck, check_edges, without_surroundings
-from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternPsf, estimate_psf
-from procedures.raw import Plane
 from procedures.slanted_edge.strip import Roi, strip_of
 from simulators.camera.camera import Lens, SimulatedCamera, true_mtf
 from simulators.camera.optics import Optics

@@ -122,9 +122,6 @@ def test_the_tour_brings_the_sheet_to_the_frame_s_corners(count):
     assert {(x, y) for x in (0.05, 0.95) for y in (0.06, 0.94)} <= points
 
 
-# --- checks before the first photograph ----------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("check", "side", "good"),
     [(check_places, 320, True), (check_places, 160, False), (check_start, 420, True), (check_start, 240, False)],

@@ -7,12 +7,10 @@ import cv2
 import numpy as np
 import pytest
 
+from procedures import Chart, Plane, Verdict
 from procedures.clipping import SensorModel
-from procedures.outcome import Verdict
-from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
 from procedures.pattern_psf.radiometry import straighten
-from procedures.raw import Plane
 
 from .analytic_camera import View, circular, light
 

@@ -5,8 +5,7 @@ import sys
 
 import pytest
 
-from procedures.outcome import BadInput, BadParameter
-from procedures.raw import read_frame
+from procedures import BadInput, BadParameter, read_frame
 from procedures.reading.guard import LIMIT, Room, read_file
 
 from . import bombs

@@ -117,8 +117,6 @@ def test_another_round_begins_with_the_screws():
     assert steps.index("turn") == steps.index("bracket") - 1
 
 
-# --- the chart's width: from sensor, lens and travel ----------------------------------------------------------------
-
 LENS = {"focal_length_mm": 24.0, "pixel_pitch_um": 11.88, "sensor_kind": "monochrome", "typed_f_number": 2.8,
         "paper": "a4"}  # fmt: skip
 RAIL = {"at_z_mm": 1499.0, "low_z_mm": 0.0, "high_z_mm": 1500.0}

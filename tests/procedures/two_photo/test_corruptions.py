@@ -6,10 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
+from procedures import Plane, TwoPhotoParameters, estimate_psf_of_pair
 from procedures.corruption.directions import mask
 from procedures.outcome import Verdict, causes_of
-from procedures.raw import Plane
-from procedures.two_photo.estimate import TwoPhotoParameters, estimate_psf_of_pair
 
 from .endless import CAMERAS, photographs
 

@@ -133,9 +133,6 @@ def test_impossible_parameters_are_refused(parameters: dict[str, object], match:
         TwoPhotoParameters(**parameters)  # type: ignore[arg-type]
 
 
-# --- refusals and doubtful verdicts -----------------------------------------------------------------------------
-
-
 def answers(outcome: Outcome[TwoPhotoPsf], verdict: Verdict, reason: str, remedy: str) -> None:
     assert outcome.verdict is verdict, outcome.reason
     assert reason in outcome.reason

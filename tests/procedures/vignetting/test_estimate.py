@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from procedures.outcome import Refused, Verdict
-from procedures.raw import Plane
+from procedures import Plane, Refused, Verdict
 from procedures.vignetting.estimate import NAMES, estimate_vignetting, frame_places, joint_formula
 
 ROWS, COLUMNS = 320, 480

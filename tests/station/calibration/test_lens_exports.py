@@ -54,9 +54,6 @@ def lateral(plane: str, stretch: float) -> LateralColour:
 COLOURS = {"R": lateral("R", 0.3), "B": lateral("B", -0.2)}
 
 
-# --- lensfun --------------------------------------------------------------------------------------------------------
-
-
 def test_the_entry_of_lensfun_has_what_its_schema_asks_for():
     # the centre is fitted with it, which takes most of p1 and p2 at a distance
     plain, decentred = best_radial(stored()), best_radial(stored(DECENTRED))
@@ -114,9 +111,6 @@ def test_a_lens_without_focal_length_requires_it():
         GivenNames("", None, None, None, None, None).completed(None, 900.0, with_light=False)
     names = GivenNames("", None, None, None, None, 5.0).completed(None, 900.0, with_light=False)
     assert names.focal_mm == pytest.approx(4.5)
-
-
-# --- DNG ------------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")

@@ -95,9 +95,6 @@ def test_without_a_probe_a_record_has_no_environment():
     assert environment_of([{"axes": {"z_mm": 1.0}}]) is None
 
 
-# --- drift -----------------------------------------------------------------------------------------------------------
-
-
 def combined(frames):
     return combine([estimate_psf(frame.planes["G1"], CHART, PARAMETERS) for frame in frames])
 

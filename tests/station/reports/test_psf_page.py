@@ -132,9 +132,6 @@ def test_the_bench_its_shots_and_undetermined_frequencies_are_marked(report):
     assert "not determined" in str(mtf_figure(unclear, None, "unclear"))
 
 
-# --- in a browser ------------------------------------------------------------------------------------------------
-
-
 def test_edges_and_physics_stand_beside_the_numbers(report):
     quantity = Quantity(0.3, "cycles/pixel", 0.003, "test", 100)
     edge = SimpleNamespace(

@@ -18,8 +18,6 @@ from station.service.alpaca.protocol import image_bytes, sensor_image
 
 from .alpaca_clients import beside
 
-FORM = {"Content-Type": "application/x-www-form-urlencoded"}
-
 
 @pytest.fixture
 def saved(tmp_path):
@@ -118,7 +116,7 @@ def test_an_exposure_that_another_client_aborted_ends_at_once(camera, client, sl
     thread, outcome = beside(camera.expose)
     slow_camera.wait()
     begin_s = time.monotonic()
-    client.request("PUT", "/api/v1/camera/0/abortexposure", b"ClientID=2", **FORM)
+    client.request("PUT", "/api/v1/camera/0/abortexposure", b"ClientID=2")
     served.bench.camera.expose.go_on()
     thread.join()
     assert isinstance(outcome[0], FrameMissing)
