@@ -18,6 +18,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
+from typing import Any
 
 import cv2
 import numpy as np
@@ -28,8 +29,6 @@ from procedures import Plane, Roi, estimate_edge, estimate_edges, estimate_psf, 
 from procedures.outcome import Outcome
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_print.formats import bitmap
-from procedures.pattern_psf.estimate import PatternPsf
-from procedures.two_photo.estimate import TwoPhotoPsf
 
 Array = np.ndarray
 Rng = np.random.Generator
@@ -396,9 +395,8 @@ def local_contrast(amount: float, radius_px: float, kept: float = 0.0) -> Corrup
     """What a blur leaves, added: in the mid-tones, or everywhere by a filter that keeps edges above a contrast."""
 
     def process(x: Array, noise: float, rng: Rng) -> Array:
-        if kept:
-            return x + amount * (x - cv2.bilateralFilter(x.astype(np.float32), -1, kept, radius_px))
-        return x + amount * (4 * x * (1 - x)) ** 2 * (x - gaussian_filter(x, radius_px, mode="nearest"))
+        wide = cv2.bilateralFilter(x.astype(np.float32), -1, kept, radius_px) if kept else gaussian_filter(x, radius_px)
+        return x + amount * (1.0 if kept else (4 * x * (1 - x)) ** 2) * (x - wide)
 
     return Corruption(process=process)
 
@@ -581,7 +579,7 @@ def by_wall(near: Plane, far: Plane) -> Answer:
     return _along_rows(estimate_psf_of_pair(near, far))
 
 
-def _along_rows(outcome: Outcome[PatternPsf] | Outcome[TwoPhotoPsf]) -> Answer:
+def _along_rows(outcome: Outcome[Any]) -> Answer:
     if outcome.value is None or "mtf50_horizontal" not in outcome.value.quality.numbers:
         return Answer(str(outcome.verdict), outcome.reason)
     quality = outcome.value.quality
@@ -593,6 +591,15 @@ def _along_rows(outcome: Outcome[PatternPsf] | Outcome[TwoPhotoPsf]) -> Answer:
 
 ESTIMATORS: dict[str, Callable[[Plane, int], Answer]] = {"edge": by_edge, "chart": by_chart}
 """By the name of their scene."""
+
+
+def answered(scene: str, seed: int, corruption: Corruption, source: str) -> tuple[Photograph, Answer]:
+    """The photograph of a seed, or the far one of a wall, and what the scene's estimator says."""
+    if scene == "wall":
+        near, far = pair(seed, corruption, source=source)
+        return far, by_wall(near.plane, far.plane)
+    shot = photograph(seed, corruption, source=source, scene=scene)
+    return shot, ESTIMATORS[scene](shot.plane, seed)
 
 
 def at_most(count: int, of: int) -> float:
@@ -636,15 +643,7 @@ class Tally:
 
 def run(name: str, estimator: str, source: str, seeds: Sequence[int]) -> Tally:
     """Every seed's photograph with one corruption, through one estimator."""
-    answers = []
-    for seed in seeds:
-        if estimator == "wall":
-            near, far = pair(seed, CORRUPTIONS[name], source=source)
-            answers.append((far, by_wall(near.plane, far.plane)))
-            continue
-        shot = photograph(seed, CORRUPTIONS[name], source=source, scene=estimator)
-        answers.append((shot, ESTIMATORS[estimator](shot.plane, seed)))
-    return Tally(f"{name} ({source})", answers)
+    return Tally(f"{name} ({source})", [answered(estimator, seed, CORRUPTIONS[name], source) for seed in seeds])
 
 
 def main() -> None:
@@ -661,14 +660,11 @@ def main() -> None:
     start = time.process_time()
     print(f"{'corruption (source)':38s}   error stated  pass doubt refus  P(wrong pass)  <2 s curve   rms worst curve")
     for name, corruption in CORRUPTIONS.items():
-        if given.words and not any(word in name for word in given.words):
-            continue
-        if not corruption.shows(given.estimator):
+        if not (corruption.shows(given.estimator) and any(word in name for word in given.words or [name])):
             continue
         for source in given.sources:
-            if source == "grey" or (corruption.raw and (source == "raw" or name == "clean")):
-                if (given.estimator, source) == ("wall", "bayer"):
-                    continue
+            photographed = source == "grey" or (corruption.raw and (source == "raw" or name == "clean"))
+            if photographed and (given.estimator, source) != ("wall", "bayer"):
                 print(run(name, given.estimator, source, seeds).line(given.reasons), flush=True)
     print(f"{time.process_time() - start:.0f} s of processor time")
 

@@ -24,7 +24,7 @@ from scipy.optimize import minimize
 
 from procedures.corruption import probability
 from procedures.outcome import Check, Verdict
-from tests.benchmarks.adversarial import CORRUPTIONS, CURVE, ESTIMATORS, FAR, by_wall, pair, photograph
+from tests.benchmarks.adversarial import CORRUPTIONS, CURVE, FAR, answered
 
 Array = np.ndarray
 Row = dict[str, Any]
@@ -63,12 +63,7 @@ def _case(scene: str, seed: int, name: str, source: str, seen: dict[float, Row])
     """One photograph, or pair of a wall: what was found, and the truth."""
     seen.clear()
     start = time.process_time()
-    if scene == "wall":
-        near, shot = pair(seed, CORRUPTIONS[name], source=source)
-        answer = by_wall(near.plane, shot.plane)
-    else:
-        shot = photograph(seed, CORRUPTIONS[name], source=source, scene=scene)
-        answer = ESTIMATORS[scene](shot.plane, seed)
+    shot, answer = answered(scene, seed, CORRUPTIONS[name], source)
     row = {"scene": scene, "seed": seed, "name": name, "source": source, "verdict": answer.verdict,
            "reason": answer.reason, "truth": shot.mtf50, "seconds": round(time.process_time() - start, 2)}  # fmt: skip
     if np.isfinite(answer.mtf50):

@@ -22,6 +22,8 @@ from .analytic import Array, Camera, edge
 CAMERA = Camera(2.0, blur_px=0.6)
 ANGLE = 6.0
 ELECTRONS, READ_E = 12000, 3
+NONE = Strength(0.0, 0.1)
+CLEAN = Evidence([NONE] * 3, [NONE] * 3, NONE, NONE, NONE, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 4, 0.0, 0.0, 0.0, 0.0)
 
 
 def picture(rng: np.random.Generator, light: Array | None = None) -> Array:
@@ -214,24 +216,19 @@ def test_a_fall_counts_alike_in_the_dark_and_in_the_bright(dip: float, rng: np.r
 
 
 def test_noise_that_is_correlated_is_smoothed_and_noise_that_is_anticorrelated_is_sharpened() -> None:
-    none = Strength(0.0, 0.1)
-    clean = Evidence([none] * 3, [none] * 3, none, none, none, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 4, 0.0, 0.0, 0.0, 0.0)
     for amount, name, scores in ((1.0, "sharpening", "masks"), (-1.0, "smoothing", "textured")):
-        one = replace(none, value=amount)
-        checks = corruption_checks(replace(clean, **{scores: [none, one, none]}), raw=False)
+        one = replace(NONE, value=amount)
+        checks = corruption_checks(replace(CLEAN, **{scores: [NONE, one, NONE]}), raw=False)
         assert [check.name for check in checks if check.fails] == [name]
-        opposite = replace(none, value=-amount)
-        checks = corruption_checks(replace(clean, **{scores: [none, opposite, none]}), raw=False)
+        checks = corruption_checks(replace(CLEAN, **{scores: [NONE, replace(NONE, value=-amount), NONE]}), raw=False)
         assert not any(check.fails for check in checks)
 
 
 def test_the_mode_of_a_mask_is_its_gain(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("_by_tone", "_by_contrast"):
         monkeypatch.setattr(corruptions, name, lambda profile: np.zeros_like(FREQUENCIES))
-    none = Strength(0.0, 0.1)
-    evidence = Evidence([none] * 3, [none] * 3, none, none, none, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 4, 0.0, 0.0, 0.0, 0.0)
     mtf = 1 - FREQUENCIES / 2
-    modes = corruptions.modes_of(evidence, None, mtf, raw=False)  # type: ignore[arg-type]
+    modes = corruptions.modes_of(CLEAN, None, mtf, raw=False)  # type: ignore[arg-type]
     point, n = np.zeros(81), np.arange(-40, 41)
     point[40] = 1
     seen = (FREQUENCIES > 0.05) & (FREQUENCIES <= 0.4)
