@@ -143,11 +143,6 @@ class TilePowers:
         tiles = [[wide[y : y + SIZE, x : x + SIZE] for x in columns] for y in rows]
         return np.array([[np.sum(weights * tile) for tile in row] for row in tiles])
 
-    def nearest(self, values: Array, levels: Array) -> NDArray[np.intp]:
-        """Index (Y, X) of the level nearest to the values (H, W) at the tiles' centres."""
-        at = (np.minimum(c, n - 1) for c, n in zip(self.centres, self.frame, strict=True))
-        return np.asarray(np.abs(values[np.ix_(*at)][..., None] - levels).argmin(axis=-1))
-
 
 def _whole_tiles(image: Array) -> Array:
     """An image (..., H, W), mirrored if it is smaller than a tile."""

@@ -104,7 +104,7 @@ def picture_error(
     the power of one photograph's residual from masks and noise, X that of the picture. The residual holds P - 1 of P
     parts of N and a part suppressed by the prior, the restored picture the rest of X and amplified noise (`separated`).
     N is estimated for the frame, X for each tile of it and each direction of frequencies, as a ring's resembles that of
-    the ring below, with the masks at the tile's w; within a tile it is distributed as the restored squared gradient.
+    the ring below, with the masks at the tile's w; within a tile, detail is lost as the squared gradient is restored.
     The best weight for N leaves 1 / (S / N + 1 / X).
     """
     rim = stacks[0].R  # determined by part of the light, with less noise
@@ -125,20 +125,22 @@ def picture_error(
     passed, amplified = _windowed((S / whole) ** 2), _windowed(noise * S * L / whole**2)
     if as_restored:
         passed, amplified = np.ones_like(S), np.zeros_like(S)
-    suppressed, nearest = weight**2 * L / whole**2, slopes.nearest(w[inside], depths)
+    suppressed, level = weight**2 * L / whole**2, np.abs(w[..., None] - depths).argmin(axis=-1)
+    shares = np.stack([slopes.means((level == n)[inside]) for n in range(len(depths))], axis=-1)
     lost, X = np.zeros(steep.shape[:2]), np.zeros_like(L)
     for sector in range(SECTORS):
         places = [(narrow == ring) & (sectors == sector) for ring in range(RINGS)]
-        terms = [(steep[..., where], passed[:, where][nearest], amplified[:, where][nearest]) for where in places]
+        terms = [(steep[..., where], shares @ passed[:, where], shares @ amplified[:, where]) for where in places]
         for where, contrast in zip(places, np.moveaxis(_contrasts(terms), -1, 0), strict=True):
-            lost += contrast * suppressed[:, where].sum(axis=1)[nearest]
+            lost += contrast * (shares @ suppressed[:, where].sum(axis=1))
             X[where] = contrast.mean()
     used = rings >= 0
+    of_restored = (suppressed * X)[:, used].sum(axis=1) / ((passed * X + amplified)[:, used].sum(axis=1) + 1e-30)
     S, L, X, noise, whole = S[:, used], L[used], X[used] + 1e-30, noise[used] + 1e-30, whole[:, used]
     best = np.stack([_of_best(stacks, float(depth))[used] for depth in depths])
     random = min(1.0, sigma**2 / float(noise.mean()))
     now, then = (np.sum(1 / (S / (part * noise) + L / X)) for part in (1.0, 1 - 0.75 * random))
-    local = uniform_filter(np.sum(np.square(across), axis=(0, 1)), 2 * rim + 1) + 1e-30
+    local = of_restored[level] * uniform_filter(np.sum(np.square(across), axis=(0, 1)), 2 * rim + 1) + 1e-30
     of_local = slopes.over_frame(lost / used.sum() / slopes.means(local[inside]))
     return PictureError(
         float(np.sqrt(np.mean(noise * S / whole**2))), np.sqrt(np.pad(of_local, rim, mode="edge") * local),

@@ -43,3 +43,11 @@ def test_a_window_holds_the_flat_part_and_a_small_frame_completely(z, w):
     window = (slice(40, 200), slice(5, 100))
     y, x = within(FLAT_PART, window)
     np.testing.assert_array_equal(z[:, :, *window][:, :, y, x], z[:, :, 40:160, 20:100])
+
+
+def test_a_window_holds_nearer_and_farther_parts(z):
+    w = np.full((300, 400), HALF)
+    w[:, 300:], w[160:240, 300:] = 2.0, 3.9
+    rows, _ = search_window(z, FLAT_PART, HALF, w, 40_000)
+    assert rows.start < 140
+    assert rows.stop > 200  # half of the nearer part, where most detail is farther
