@@ -35,8 +35,6 @@ separated."""
 
 NOISE, MISMATCH, DETAIL = "noise", "shapes", "detail"
 """Terms of the budget."""
-
-
 RINGS = 11
 """Rings of frequencies, as wide as a band, in which contrast is estimated, up to the corners."""
 FALL, KEPT, VARIED, FIRST = -0.4, 0.5, 0.28, 0.5
@@ -50,7 +48,6 @@ COSINES, CORRELATED, OVERLAP = (1 / 6, 2 / 3, 1 / 6), 7.6, 2.0
 independent frequencies, as half are conjugates and neighbours are correlated by 2/3; tiles for each independent one."""
 STEPS = 12
 """Steps of scoring towards the largest likelihood."""
-
 
 Spectra = tuple[Array, ...]
 """Powers, their part passed and the amplified noise, at some frequencies."""
@@ -137,7 +134,8 @@ def picture_error(
     used = rings >= 0
     of_restored = (suppressed * X)[:, used].sum(axis=1) / ((passed * X + amplified)[:, used].sum(axis=1) + 1e-30)
     S, L, X, noise, whole = S[:, used], L[used], X[used] + 1e-30, noise[used] + 1e-30, whole[:, used]
-    best = np.stack([_of_best(stacks, float(depth))[used] for depth in depths])
+    each = (max((responses([one], float(w))[0] for one in stacks), key=lambda power: power.mean()) for w in depths)
+    best = np.minimum([one[used] for one in each], 1.0)  # of the mask that blurs least
     random = min(1.0, sigma**2 / float(noise.mean()))
     now, then = (np.sum(1 / (S / (part * noise) + L / X)) for part in (1.0, 1 - 0.75 * random))
     local = of_restored[level] * uniform_filter(np.sum(np.square(across), axis=(0, 1)), 2 * rim + 1) + 1e-30
@@ -192,12 +190,6 @@ def _likeliest(
         downhill = weight * score - (log @ prior.T - expected) @ prior
         log = log + np.clip(np.linalg.solve(curvature, downhill[..., None])[..., 0], -1, 1)
     return log, np.diagonal(np.linalg.inv(curvature), axis1=-2, axis2=-1)
-
-
-def _of_best(stacks: list[MaskStack], w: float) -> Array:
-    """Squared transfer function of the mask that blurs least."""
-    each = [responses([stack], w)[0] for stack in stacks]
-    return np.minimum(max(each, key=lambda one: float(one.mean())), 1.0)
 
 
 def error_map(error: PictureError, residual: Array, window: int) -> Array:
