@@ -15,7 +15,7 @@ import numpy as np
 from procedures.numbers import LEVELS, MTF_CROSSINGS, MTF_NYQUIST, frequency_of, name_at
 from procedures.numerics.arrays import Array
 from procedures.outcome import Refused
-from procedures.psf import Psf, truncation
+from procedures.psf import Psf, cut_off, truncation
 from procedures.quality import KNOTS, PRINT_BLUR, Quality, assess, mtf50_along
 
 FINEST = 6
@@ -27,6 +27,7 @@ RIM, OPEN = 0.8, 0.05
 MAX_TRUNCATION_SIGMAS = 0.5  # greatest truncation that is accepted, in combined standard uncertainties
 MAX_TRIALS = 4
 MAX_WIDENING = 1.6  # greatest ratio of successive widths of the support, as the truncation is known only roughly
+CUT_OFF_WIDENING = 1.3  # of the support where it cuts off the PSF's own shape, which ends faster than a tail
 
 T = TypeVar("T")
 
@@ -40,6 +41,7 @@ class Trial:
         Nyquist
     truncation : part of the OTF that the support may truncate
     band_edge : rms of the OTF near the band's edge, corrected for noise
+    cut_off : share of the energy that the support may cut off: see `psf.cut_off`
     better : (int, int) or None; better s and k; None where these suffice, or none are possible
     """
 
@@ -51,6 +53,7 @@ class Trial:
     band_edge: float
     reason: str = ""
     better: tuple[int, int] | None = None
+    cut_off: float = 0.0
 
     @property
     def support_short(self) -> bool:
@@ -61,6 +64,12 @@ class Trial:
     def most_truncated(self) -> float:
         """Greatest acceptable truncation."""
         return MAX_TRUNCATION_SIGMAS * float(np.hypot(self.truncation, self.uncertainty))
+
+    @property
+    def cuts_off(self) -> bool:
+        """Whether the support is too small for the PSF's own shape alone."""
+        limit = MAX_TRUNCATION_SIGMAS * float(np.hypot(self.cut_off, self.uncertainty))
+        return self.cut_off > limit and not self.support_short and not self.band_open
 
     @property
     def band_open(self) -> bool:
@@ -79,8 +88,8 @@ def assess_trial(psf: Psf) -> Trial:
         value = complex((waves @ psf.parameters)[0]) / psf.light
         slope = (np.real(np.conj(value) / abs(value) * waves[0]) - abs(value) * psf.weights) / psf.light
         uncertainties.append(float(np.sqrt(max(slope @ C @ slope, 0.0))))
-    pair = (crossings[0], crossings[1])
-    return Trial(psf.s, psf.k, pair, float(np.mean(uncertainties)), truncation(psf), band_edge(psf))
+    pair, noise = (crossings[0], crossings[1]), float(np.mean(uncertainties))
+    return Trial(psf.s, psf.k, pair, noise, truncation(psf), band_edge(psf), cut_off=cut_off(psf))
 
 
 def band_edge(psf: Psf) -> float:
@@ -112,6 +121,9 @@ def with_advice(trial: Trial, samples: int, most_s: int, wider: float = MAX_WIDE
         # the truncation falls with the square of the width
         width *= float(np.clip(np.sqrt(trial.truncation / (MAX_TRUNCATION_SIGMAS * trial.uncertainty)), 1.15, wider))
         reasons.append(f"k may truncate {trial.truncation:.4f} of the OTF, with uncertainty {trial.uncertainty:.4f}")
+    elif trial.cuts_off:
+        width *= CUT_OFF_WIDENING
+        reasons.append(f"k may cut off {trial.cut_off:.4f} of the light")
     k = _fitting(width, s, samples)
     better = (s, k) if reasons and (s > trial.s or k > trial.k) else None
     return replace(trial, reason="; ".join(reasons) or "the sampling suffices", better=better)
@@ -133,6 +145,7 @@ def choose(
     at = s or min(start_s, most_s, k or start_s)  # the support must be at least a pixel wide
     current = (at, k or _fitting(START_K / START_S, at, samples))
     trials: list[Trial] = []
+    results: list[T] = []
     while True:
         try:
             result = attempt(*current)
@@ -141,14 +154,17 @@ def choose(
                 raise
             # a finer or wider grid is not possible
             why = f"{trials[-1].reason}; s = {current[0]}, k = {current[1]} is not determined"
-            return result, (*trials[:-1], replace(trials[-1], reason=why, better=None))
+            return results[-1], (*trials[:-1], replace(trials[-1], reason=why, better=None))
         # given values are not changed: the report names a k that suffices at once
         trial = with_advice(assess_trial(psf_of(result)), samples, most_s, MAX_WIDENING if k is None else np.inf)
+        if trials and trials[-1].cuts_off and trial.cut_off > trials[-1].cut_off:  # it is not the PSF's own shape
+            return results[-1], (*trials[:-1], replace(trials[-1], better=None))
         trials.append(trial)
         following = current if trial.better is None else (s or trial.better[0], k or trial.better[1])
         if following == current or len(trials) == MAX_TRIALS:
             return result, tuple(trials)
         current = following
+        results.append(result)
 
 
 def remaining_change(trials: tuple[Trial, ...]) -> float:

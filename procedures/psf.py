@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
@@ -279,6 +280,8 @@ RINGS = 0.25
 
 The phase is stationary at the middles of the four sides: 1 / (8^1/2 pi) = 0.11 for the rings 1 - sin(2 pi f_c r) of a
 clear circle, 0.46 for the slower beat, of period 2 / ((1 - 0.3) f_c), of a pupil obstructed to 0.3 of its diameter."""
+CUT_OFF = 0.25
+"""Energy beyond the support over that in its outer half pixel, for Gaussians and discs that it cuts off: 0.1 to 0.5."""
 RING_FREQUENCIES = np.linspace(0.25, 1.0, 13)
 """Frequencies of rings, over f_c: from the beat of a pupil obstructed to a half to the rings of a clear one."""
 RING_RADII = np.arange(1.02, 9.0, 0.04)
@@ -299,6 +302,28 @@ def truncation(psf: Psf) -> float:
     return rough * abs(psf.share_outside) * float(np.sqrt(np.pi / 2)) / (2 * np.pi * radius)
 
 
+def cut_off(psf: Psf) -> float:
+    """Energy of the PSF's own shape that the support may cut off: `CUT_OFF` of that in the outer half pixel of the
+    support, less the tail continued inwards and less noise.
+
+    Of lenses in focus the tail continues smoothly (0.000 +- 0.003); where a broad halo or a disc of defocus reaches the
+    border, the tail has the wrong shape: up to 0.02 of the OTF at 0.05 cycles/pixel.
+    """
+    amplitudes = psf.tail.amplitudes
+    if not len(amplitudes):
+        return 0.0
+    n, first = np.arange(psf.k) - psf.k // 2, psf.k // 2 + 1
+    outer = np.maximum(np.abs(n), np.abs(n[:, None])) > psf.k // 2 - psf.s / 2
+    r, border = np.maximum(np.hypot(n, n[:, None]), 1)[outer] / first, tail_border(psf.k)
+    inwards = np.zeros(len(amplitudes))
+    for i in range(min(len(amplitudes), 2)):
+        inwards[i] = tail_kernels(psf.k)[i, border, border + first] * (r ** -(3 + 2 * i)).sum()
+    excess = np.concatenate([outer.ravel(), -inwards]) / psf.light
+    value = float(excess @ psf.parameters)
+    variance = float(excess @ psf.parameter_covariance @ excess)
+    return CUT_OFF * math.sqrt(max(value**2 - variance, 0.0)) if value > 0 else 0.0
+
+
 def tail_energy_uncertainty(psf: Psf) -> float:
     """Standard uncertainty of the share outside the support by the model error: ROUGHNESS E / (R sqrt(8 pi)).
 
@@ -309,7 +334,7 @@ def tail_energy_uncertainty(psf: Psf) -> float:
     radius = psf.k / 2 / psf.s
     rings = float(np.pi**3 * max(psf.tail_density_px, 0.0) / radius) ** 1.5
     rough = _excess_factor(psf) * ROUGHNESS / (radius * float(np.sqrt(8 * np.pi)))
-    return abs(psf.share_outside) * float(np.hypot(rough, RINGS * rings))
+    return float(np.hypot(abs(psf.share_outside) * np.hypot(rough, RINGS * rings), cut_off(psf)))
 
 
 def _excess_factor(psf: Psf) -> float:

@@ -98,6 +98,7 @@ def unexplained(fit: ChartFit) -> float:
 def diagnose(
     fit: ChartFit,
     psf: Psf,
+    narrow: Psf,
     light: LightLevels,
     corners: Array,
     marks_map: Registration,
@@ -111,6 +112,7 @@ def diagnose(
     """Compute the diagnostics of a fit.
 
     psf : the normalised PSF
+    narrow : that of the narrowest support that holds the tail
     corners : (12, 2) the detected marks, NaN where hidden
     marks_map : the map fitted to the marks alone
     trial : the trial of s and k that gave the PSF
@@ -144,7 +146,7 @@ def diagnose(
         truncation=trial.truncation,
         band_edge=trial.band_edge,
         tail_sigmas=_tail_sigmas(fit, psf.s, prior),
-        missing_light=missing_light(psf),
+        missing_light=missing_light(narrow),
         crushed=light.crushed,
         sharpened_by=fine.value,
         sharpening_uncertainty=fine.uncertainty,

@@ -235,9 +235,10 @@ def estimate_psf(
     levels = float(light.black[0]), float(light.white[0])
     noise = measure_noise(around, levels, light.variance_at, final.fit.residual_image)
     curve = quality.frequencies, quality.mtf_radial
-    evidence = examine(final.fit, samples, light, chart, psf.s, psf.k, (noise.paper, noise.residual), curve)
+    judged, narrow = solved.judged.fit, solved.judged.solution.psf
+    evidence = examine(judged, samples, light, chart, narrow.s, narrow.k, (noise.paper, noise.residual), curve)
     diagnostics = diagnose(
-        final.fit, psf, light, corners, solved.marks_map, final.excluded, parts, solved.tail, tried[-1], noise,
+        final.fit, psf, narrow, light, corners, solved.marks_map, final.excluded, parts, solved.tail, tried[-1], noise,
         evidence.fine,
     )  # fmt: skip
     print_blur = print_prior(final.fit.edges) if parameters.print_blur is None else parameters.print_blur
@@ -269,9 +270,13 @@ def finest(cell_px: float, most: float = SAMPLES_PER_CELL) -> int:
 
 @dataclass(frozen=True)
 class _Solved:
-    """The joint fit at the chosen s and k, the trials, what it began with, and the checks that refuse it."""
+    """The joint fit at the chosen s and k, the trials, what it began with, and the checks that refuse it.
+
+    judged : the fit of the narrowest support that holds the tail: a wider one would absorb what a wide mask changed
+    """
 
     final: _Attempt
+    judged: _Attempt
     tried: tuple[Trial, ...]
     light: LightLevels
     corners: Array
@@ -298,6 +303,7 @@ def _solve(
         None if sensor is None else bend_of_chart(light, sensor, plane),
     )
     best = marks_map
+    attempts: dict[tuple[int, int], _Attempt] = {}
 
     def attempt(s: int, k: int) -> _Attempt:
         nonlocal best
@@ -305,7 +311,8 @@ def _solve(
         check_cells(fit)
         if fit.converged:
             best = fit.registration
-        return _Attempt(fit, excluded, solution(fit, s, k, parameters.solver))
+        attempts[s, k] = _Attempt(fit, excluded, solution(fit, s, k, parameters.solver))
+        return attempts[s, k]
 
     cell_px = block_size_px(marks_map) / BLOCK
     count = count_inside(marks_map, noise_window(marks_map, samples.shape))
@@ -319,7 +326,8 @@ def _solve(
             f"photograph the chart from a distance where s/t is near {AIM_S_OVER_T:g}, or lower s or k",
         ) from error
     refusals = refusal_checks(final.fit, final.solution.psf, light, corners, raw=plane.raw)
-    return _Solved(final, tried, light, corners, marks_map, known.tail, refusals)
+    judged = next((attempts[trial.s, trial.k] for trial in tried if trial.cuts_off), final)
+    return _Solved(final, judged, tried, light, corners, marks_map, known.tail, refusals)
 
 
 def _probability(checks: Sequence[Check], quality: Quality, *, raw: bool) -> float:

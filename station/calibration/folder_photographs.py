@@ -70,10 +70,11 @@ def find_frames(
     """Files in folders and below, each once, folder by folder and ordered by name.
 
     `suffixes` are those of the wanted files, or whole names; by default those of photographs. Files may be given, too,
-    with any suffix. Hidden folders, hidden and temporary files, `out`, the folder of results, and its `results` are
-    excluded. Pipes and broken links are included: reading them raises an error with their name. `missed` is called for
-    each folder that cannot be read, which raises by default. Raises BadParameter if one of the folders does not exist,
-    or there is no photograph in all of them; BadInput if a folder cannot be read, and `missed` is not given.
+    with any suffix. Hidden folders, hidden and temporary files, `out`, the folder of results, its `results`, and the
+    pictures beside a record of this program are excluded. Pipes and broken links are included: reading them raises an
+    error with their name. `missed` is called for each folder that cannot be read, which raises by default. Raises
+    BadParameter if one of the folders does not exist, or there is no photograph in all of them; BadInput if a folder
+    cannot be read, and `missed` is not given.
     """
     files: dict[str, Path] = {}
     outs = os.path.realpath(out), os.path.realpath(out / "results")
@@ -99,9 +100,20 @@ def _below(
         folders[:] = sorted(
             name for name in folders if not name.startswith(".") and os.path.realpath(here / name) not in outs
         )
+        if here != folder and RECORD not in suffixes and RECORD in files and _is_own(here / RECORD):
+            continue
         for name in sorted(files):
             if (Path(name).suffix.lower() in suffixes or name in suffixes) and not name.startswith(HIDDEN):
                 yield here / name
+
+
+def _is_own(record: Path) -> bool:
+    """Whether a record is one of this program: its first entry is the schema."""
+    try:
+        with record.open("rb") as file:
+            return b'"station/' in file.read(64)
+    except OSError:
+        return False
 
 
 def singly(frames: Sequence[Path]) -> list[Item]:

@@ -274,9 +274,10 @@ def wall_lights(lens: Lens, pose: Pose, rng: Rng) -> tuple[Array, Array]:
     spectrum = np.fft.rfft2(rng.standard_normal((size, size))) / np.maximum(np.hypot(fx, fy), 4 / near_px)
     wall = np.fft.irfft2(spectrum, (size, size))
     spectrum *= 0.12 / wall.std()
-    near, far = (0.4 + np.fft.irfft2(spectrum * lens.otf(fx * a, fy * a), (size, size)) for a in (1.0, zoom))
-    first = WALL_FINE * 40
     roll, apart = np.radians(pose.angle_deg / 3), WALL_FINE * zoom
+    turned = zoom * (np.cos(roll) * fx + np.sin(roll) * fy), zoom * (np.cos(roll) * fy - np.sin(roll) * fx)
+    near, far = (0.4 + np.fft.irfft2(spectrum * lens.otf(*f), (size, size)) for f in ((fx, fy), turned))
+    first = WALL_FINE * 40
     y, x = (np.indices((WALL_PX, WALL_PX)) - (WALL_PX - 1) / 2) * apart
     middle = (size - 1) / 2 + pose.shift_px
     at = middle + np.cos(roll) * y + np.sin(roll) * x, middle + np.cos(roll) * x - np.sin(roll) * y

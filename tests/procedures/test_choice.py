@@ -1,18 +1,20 @@
 """Choice of s and k."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
-from procedures.choice import assess_trial, band_edge, choose, remaining_change
+from procedures.choice import Trial, assess_trial, band_edge, choose, remaining_change
 from procedures.psf import Psf, PsfTail
 
 SIGMA = 0.35
 
 
-def gaussian(s: int, k: int, *, noise: float = 1e-5, tail: float = 0.0) -> Psf:
+def gaussian(s: int, k: int, *, noise: float = 1e-5, tail: float = 0.0, sigma: float = SIGMA) -> Psf:
     """A Gaussian PSF with white noise's covariance, and a tail of an energy."""
     x = (np.arange(k) - k // 2) / s
-    h = np.exp(-(x**2 + (x**2)[:, None]) / (2 * SIGMA**2))
+    h = np.exp(-(x**2 + (x**2)[:, None]) / (2 * sigma**2))
     outside = PsfTail(np.array([tail]), np.zeros((1, 1)), np.zeros((k * k, 1)))
     return Psf(h / h.sum(), s, noise**2 * np.eye(k * k), outside)
 
@@ -44,6 +46,21 @@ def test_s_and_k_are_raised_while_they_leave_something_out_and_kept_where_given(
     assert tried[0].s == 3
     _, tried = choose(lambda s, k: gaussian(s, k, tail=0.3), lambda psf: psf, samples=3000, most_s=4, s=None, k=None)
     assert max(trial.k for trial in tried) <= (3000 / 8) ** 0.5
+
+
+def test_a_support_that_cuts_off_the_core_is_widened_while_that_helps() -> None:
+    def trials(sigma: Callable[[int], float]) -> tuple[Psf, tuple[Trial, ...]]:
+        def attempt(s: int, k: int) -> Psf:
+            return gaussian(s, k, noise=1e-4, tail=1e-4, sigma=sigma(k))
+
+        return choose(attempt, lambda psf: psf, samples=200_000, most_s=4, s=4, k=None)
+
+    _, tried = trials(lambda k: 1.2)
+    assert [trial.cuts_off for trial in tried] == [True, True, True, False]
+    assert tried[-1].k == 35
+    result, (trial,) = trials(lambda k: 1.2 if k == 17 else 50.0)
+    assert trial.cuts_off  # uneven light ends nowhere: the narrower support is kept
+    assert result.k == trial.k == 17
 
 
 def test_settled_when_the_last_step_moved_nothing() -> None:

@@ -38,6 +38,11 @@ def test_results_are_no_photographs(folder):
     here = folder("a.dng", "out/b.dng", "out/results/a-1/psf_G1.png")
     assert found(here, here / "out") == ["a.dng"]
     assert found(here / "out", here / "out") == ["b.dng"]
+    folder("earlier/restored.tiff", "theirs/c.dng")
+    for name, text in (("earlier", '{\n "schema": "station/restoration/1",'), ("theirs", '{"width": 640}')):
+        (here / name / "result.json").write_text(text)
+    assert found(here, here / "out") == ["a.dng", "theirs/c.dng"]
+    assert found(here / "earlier", here / "out") == ["restored.tiff"]
 
 
 def test_pipes_and_links_that_lead_nowhere_are_found_and_refused_by_name(folder):
