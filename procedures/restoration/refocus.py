@@ -62,10 +62,15 @@ def refocus(
             f"blur circles must be at most {2 * MOST_RADIUS_PX:.0f} pixels wide; they would be {2 * widest:.0f}",
             "give a higher --f-number, or focus nearer to the scene",
         )
+    return RefocusedPicture(_mean_of_views(sharp, radius, shape), radius, setting, _depth_of_field(setting))
+
+
+def _mean_of_views(sharp: NDArray[np.floating[Any]], radius: Array, shape: Array) -> Array:
+    """The mean of the views from points of the aperture, weighted by its shape."""
     points, weights = _aperture(shape, float(np.abs(radius).max()))
     light = np.ascontiguousarray(sharp.reshape(len(sharp), -1).T, np.float64)
-    mean = _add_views(light, np.ascontiguousarray(radius), points, weights).T.reshape(sharp.shape)
-    return RefocusedPicture(mean, radius, setting, _depth_of_field(setting))
+    mean = _add_views(light, np.ascontiguousarray(radius), points, weights)
+    return np.asarray(mean.T.reshape(sharp.shape))
 
 
 def _aperture(shape: Array, radius_px: float) -> tuple[Array, Array]:

@@ -41,8 +41,7 @@ FALL, KEPT, VARIED, FIRST = -0.4, 0.5, 0.28, 0.5
 """Logarithm of the squared gradient in a ring relative to the ring below, in 39 photographs: its mean, the share of the
 ring below's that it keeps, and the standard deviations of the rest, and of the first."""
 ALIKE, LOCAL, APART = 0.92, 0.42, 2.0
-"""The same for a tile relative to its frame: share of the ring below's logarithm, standard deviations of the rest, and
-of the lowest ring."""
+"""Tiles relative to their frame: share of the ring below's that is kept, deviations of the rest, and of the lowest."""
 COSINES, CORRELATED, OVERLAP = (1 / 6, 2 / 3, 1 / 6), 7.6, 2.0
 """Power of a window of cosines at its lowest frequencies; the variance of a mean power under it, relative to that of
 independent frequencies, as half are conjugates and neighbours are correlated by 2/3; tiles for each independent one."""
