@@ -1,5 +1,3 @@
-"""Rules of style, format, types and imports, checked by `.ci/check`."""
-
 import os
 import shutil
 import subprocess
@@ -8,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from .procedures.test_library import PAGES, python_blocks, site_of_wheel
+from .procedures.test_library import PAGES, five_lines, in_python, photographed, python_blocks, site_of_wheel
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -21,11 +19,16 @@ def test_rule_holds(rule: str) -> None:
 
 
 @pytest.mark.slow
-def test_a_wheel_has_types_for_scripts(tmp_path: Path) -> None:
-    # after the types above, whose cache holds the types of other packages
+def test_a_wheel_gives_the_five_lines_and_has_types_for_scripts(tmp_path: Path) -> None:
     site, cache = site_of_wheel(tmp_path), tmp_path / "cache"
-    if (ROOT / ".mypy_cache").is_dir():
-        shutil.copytree(ROOT / ".mypy_cache", cache)
+    photographed(tmp_path)
+    code = f"import procedures; print(procedures.__file__)\n{five_lines(PAGES[0])}"
+    done = in_python(code, tmp_path, PYTHONPATH=str(site))
+    assert done.stdout.startswith(str(site)), done.stderr
+    assert "mtf50_horizontal = " in done.stdout
+    # after the types above, whose cache holds the types of other packages
+    if (kept := ROOT / os.environ.get("MYPY_CACHE_DIR", ".mypy_cache")).is_dir():
+        shutil.copytree(kept, cache)
     script = tmp_path / "page.py"
     script.write_text("\n".join(python_blocks(PAGES[0])), encoding="utf-8")
     environ = {**os.environ, "MYPYPATH": "", "PYTHONPATH": str(site)}

@@ -1,5 +1,3 @@
-"""What `conftest.py` sets up for all tests."""
-
 import signal
 import subprocess
 import sys

@@ -24,13 +24,9 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, gaussian_filter1d, map_coordinates, spline_filter
 from scipy.stats import beta
 
+from procedures import Plane, Roi, estimate_edge, estimate_edges, estimate_psf, estimate_psf_of_pair
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_print.formats import bitmap
-from procedures.pattern_psf.estimate import estimate_psf
-from procedures.raw import Plane
-from procedures.slanted_edge.estimate import estimate_edge, estimate_edges
-from procedures.slanted_edge.strip import Roi
-from procedures.two_photo.estimate import estimate_psf_of_pair
 
 Array = np.ndarray
 Rng = np.random.Generator
@@ -45,9 +41,6 @@ FAR, SHIFTED = 3.0, 0.03
 """Stated uncertainties beyond which a pass is wrong; shift of MTF50 from which a corruption counts."""
 CURVE = np.arange(0.05, 0.51, 0.05)
 """Frequencies at which curves are compared, in cycles/pixel."""
-
-
-# --- lenses ----------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -120,9 +113,6 @@ def draw_lens(rng: Rng) -> Lens:
     )[kind]
     aberrations = {name: round(float(value), 1) for name, value in aberrations.items()}
     return Lens(rng.uniform(0.6, 3.0), rng.uniform(0.0, 0.9), rng.uniform(0.6, 1.0), **aberrations)
-
-
-# --- photographs -----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -335,9 +325,6 @@ def photograph(seed: int, corruption: Corruption, *, source: str, scene: str = "
     return Photograph(plane, lens.mtf50(direction_deg) / scale, truth)
 
 
-# --- corruptions -----------------------------------------------------------------------------------------------------
-
-
 def unsharp(amount: float, radius_px: float, threshold: float = 0.0) -> Corruption:
     """Unsharp mask; the threshold is in noises at white."""
 
@@ -542,9 +529,6 @@ CORRUPTIONS: dict[str, Corruption] = {
 }  # fmt: skip
 
 
-# --- estimators ------------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Answer:
     """What an estimator says: verdict, MTF50, its uncertainty, the curve and its uncertainty at `CURVE`, and the
@@ -599,9 +583,6 @@ def by_wall(near: Plane, far: Plane) -> Answer:
 
 ESTIMATORS: dict[str, Callable[[Plane, int], Answer]] = {"edge": by_edge, "chart": by_chart}
 """By the name of their scene."""
-
-
-# --- statistics ------------------------------------------------------------------------------------------------------
 
 
 def at_most(count: int, of: int) -> float:

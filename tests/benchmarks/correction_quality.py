@@ -10,7 +10,6 @@ balanced, in nine tiles. `--chart` takes a black-and-white chart of rings and ba
 undershoot, with LibRaw's AHD.
 """
 
-import argparse
 import subprocess
 import tempfile
 import time
@@ -27,6 +26,7 @@ from procedures.correction.estimate import correct
 from procedures.field.interpolate import interpolate
 from procedures.raw import Exposure, Plane, RawFrame
 from simulators.camera.camera import Lens
+from tests.benchmarks import options
 from tests.procedures.correction.lens_photographs import RGGB, Sensor, blurred, kernels_over, sampled
 from tests.procedures.field.lens import SHAPE, FieldCamera, K, S, grid, nodes
 
@@ -109,8 +109,6 @@ def frame_of(image: Array, seed: int) -> tuple[RawFrame, Array]:
     return RawFrame(Path("simulated"), "", planes, Exposure()), mosaic
 
 
-# --- peers ---
-
 PROFILE = """[Version]
 AppVersion=5.9
 Version=349
@@ -189,9 +187,6 @@ def richardson_lucy(first: Array, kernels: Sequence[Sequence[Sequence[Array]]], 
     return best[1], best[2]
 
 
-# --- figures ---
-
-
 def psnr(picture: Array, truth: Array) -> Array:
     """PSNR of nine tiles and of the frame, without the rim."""
     square = np.mean((picture - truth) ** 2, axis=0)[EDGE:-EDGE, EDGE:-EDGE]
@@ -207,12 +202,8 @@ def colour_error(picture: Array) -> float:
 
 def main() -> None:
     """Print the figures of every program."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("pictures", nargs="*", type=Path)
-    parser.add_argument("--chart", action="store_true")
-    parser.add_argument("--peers", action="store_true")
-    given = parser.parse_args()
-    truth = chart() if given.chart else scene(given.pictures)
+    given = options(__doc__, "pictures", pictures=[], chart=False, peers=False)
+    truth = chart() if given.chart else scene([*map(Path, given.pictures)])
     kernels = [kernels_over(partial(kernel, name), (ROWS, COLUMNS), PLACES) for name in ("R", "G1", "B")]
     image = through(truth, kernels)
     frame, mosaic = frame_of(image, 5)

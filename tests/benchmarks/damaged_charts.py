@@ -12,10 +12,8 @@ from collections import Counter
 
 import numpy as np
 
-from procedures.outcome import Verdict
-from procedures.pattern import Chart
+from procedures import Chart, Plane, Verdict, read_frame
 from procedures.pattern_psf.estimate import PatternPsf, estimate_psf
-from procedures.raw import Plane, read_frame
 from tests.benchmarks import SHARED
 from tests.procedures.pattern_psf.damage import CHANGES, SLIGHT, damaged
 

@@ -11,7 +11,6 @@ Prints the views that are used, the reasons of the others, the points' errors ov
 over the covered frame, and the processor's time.
 """
 
-import argparse
 import ast
 import time
 from collections.abc import Callable
@@ -24,13 +23,13 @@ from scipy.interpolate import BSpline, RectBivariateSpline
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
+from procedures import GeometryParameters, Plane, calibrate_geometry
 from procedures.geometry.chart_bins.photographs import views_of
-from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
 from procedures.geometry.uncertainty import enclosed
 from procedures.geometry.views import chart_nodes
 from procedures.pattern import BLOCK, CELLS, Chart
 from procedures.pattern_print.formats import bitmap
-from procedures.raw import Plane
+from tests.benchmarks import options
 
 Array = np.ndarray
 
@@ -253,12 +252,6 @@ def run(name: str, count: int, width_px: float, tilt_deg: float, noise: float) -
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("lens", nargs="*", default=list(LENSES))
-    parser.add_argument("--views", type=int, default=18)
-    parser.add_argument("--width", type=float, default=700.0)
-    parser.add_argument("--tilt", type=float, default=30.0)
-    parser.add_argument("--noise", type=float, default=0.004)
-    given = parser.parse_args()
+    given = options(__doc__, "lens", lens=list(LENSES), views=18, width=700.0, tilt=30.0, noise=0.004)
     for one in given.lens:
         run(one, given.views, given.width, given.tilt, given.noise)

@@ -74,6 +74,7 @@ from station.results.result_files import ResultFolder, damage
 from station.results.specification_file import read_specification
 from station.sessions.index import Index
 from station.sessions.reader import check_whole, read_session, verify, verify_results
+from tests.psfs import gaussian
 from tests.station.sessions.faulty_disk import FaultyDisk
 from tests.station.sessions.work import Camera as SessionCamera
 from tests.station.sessions.work import Work
@@ -145,9 +146,7 @@ def _exr(path: Path) -> None:
 
 
 def _psf(width: float = 1.0, k: int = 9) -> Psf:
-    x = np.arange(k) - k // 2
-    h = np.exp(-(x[:, None] ** 2 + x**2) / (2 * (1.5 * width) ** 2))
-    return Psf(h / h.sum(), 3, np.eye(k * k) * 1e-8)
+    return gaussian(0.5 * width, 3, k)
 
 
 def _result(path: Path) -> None:

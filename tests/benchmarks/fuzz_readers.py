@@ -43,8 +43,6 @@ WORDS = (
     "9" * 400, "[" * 3000, '"', "{}", "null", "true", "\0", "\x1b[2J", "a" * 9999,
 )  # fmt: skip
 
-# --- mutations ---------------------------------------------------------------------------------------------------
-
 
 def mutated(data: bytes, rng: random.Random, suffix: str) -> bytes:
     """The content of a file of this name's end with one to four things wrong with it."""
@@ -129,8 +127,6 @@ def _line(data: bytes, rng: random.Random) -> bytes:
 
 BINARY = (_flip, _flip, _extreme, _extreme, _cut, _zero, _remove, _double, _swap)
 TEXT = (_word, _word, _rescaled, _rescaled, _line)
-
-# --- readings in a process of their own --------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

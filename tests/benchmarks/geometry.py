@@ -6,7 +6,6 @@ A camera of 24 megapixels with radial, tangential and thin-prism distortion, 12 
 every node and a sheet that bends by 0.5 mm; points with noise of 0.01 pixel.
 """
 
-import argparse
 import os
 import platform
 import tempfile
@@ -19,21 +18,19 @@ from typing import Any
 import cv2
 import numpy as np
 
+from procedures import Chart, GeometryParameters, Plane, calibrate_geometry, read_frame, view_of
 from procedures.geometry.adjustment import AdjustmentProblem, adjust
 from procedures.geometry.cameras import MODELS
-from procedures.geometry.chart_bins.photographs import view_of
-from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
 from procedures.geometry.reference import first_state, fit_formula, fit_model
 from procedures.geometry.shape import estimated_node_errors, shape_model
 from procedures.geometry.uncertainty import projection_uncertainty
-from procedures.pattern import Chart
 from procedures.pattern_psf.chart_finding.detection import find_charts, one_chart
 from procedures.pattern_psf.correspondences import bin_centres
-from procedures.raw import Plane, read_frame
 from simulators.camera.camera import Lens, SimulatedCamera
 from simulators.camera.optics import Optics
 from simulators.camera.sensor import Sensor
 from simulators.world.scene import Scene
+from tests.benchmarks import options
 from tests.procedures.geometry.simulated_views import (
     CELL_MM,
     Shoot,
@@ -250,13 +247,10 @@ def main() -> None:
         "photographs": photographs,
         "bins": bins,
     }
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("parts", nargs="*", choices=[*parts, []])
-    parser.add_argument("--draws", type=int, default=100)
-    given = parser.parse_args()
+    given = options(__doc__, "parts", parts=list(parts), draws=100)
     print(f"Python {platform.python_version()}, {platform.machine()}, {os.cpu_count()} cores; "
           f"{len(true_poses(SHOOT))} views")  # fmt: skip
-    for part in given.parts or parts:
+    for part in given.parts:
         parts[part](given.draws)
 
 

@@ -10,7 +10,6 @@ lenses  errors over stated uncertainties (z): of the principal point and the foc
 rig     errors of a second camera's pose over stated uncertainties, six a draw
 """
 
-import argparse
 from dataclasses import dataclass, replace
 
 import cv2
@@ -21,6 +20,7 @@ from procedures.geometry.estimate import Geometry, GeometryParameters, calibrate
 from procedures.geometry.rig import estimate_rig, rig_camera
 from procedures.geometry.uncertainty import enclosed, projection_uncertainty
 from procedures.geometry.views import Pose
+from tests.benchmarks import options
 from tests.procedures.geometry.simulated_views import (
     CELL_MM,
     Shoot,
@@ -161,15 +161,8 @@ def rms(values: np.ndarray | list[float]) -> float:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", nargs="*", default=["lenses"])
-    parser.add_argument("--draws", type=int, default=10)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--views", type=int, default=12)
-    parser.add_argument("--noise", type=float, default=0.03)
-    parser.add_argument("--lens", action="append")
-    given = parser.parse_args()
+    given = options(__doc__, "what", what=["lenses"], draws=10, first=0, views=12, noise=0.03, lens=list(LENSES))
     if "lenses" in given.what:
-        lenses(given.lens or list(LENSES), range(given.first, given.first + given.draws), given.views, given.noise)
+        lenses(given.lens, range(given.first, given.first + given.draws), given.views, given.noise)
     if "rig" in given.what:
         rig(given.draws, given.views, given.noise)

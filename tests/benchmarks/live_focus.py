@@ -22,10 +22,9 @@ import numpy as np
 import scipy.optimize
 from textual.pilot import Pilot
 
-from procedures.pattern import Chart
+from procedures import Chart, Plane
 from procedures.pattern_psf.focus.sharpness import measure_sharpness
 from procedures.pattern_psf.focus.sweep import best_focus
-from procedures.raw import Plane
 from simulators.camera.camera import Lens, SimulatedCamera, pixels_at, render_plane
 from simulators.camera.sensor import Sensor
 from simulators.world.scene import PlacedChart, Scene
@@ -40,9 +39,6 @@ SIZE = (120, 40)
 PARTS = {"reading": (PhotographSource, "read"), "measuring": (LiveFocus, "see"), "its picture": (screen, "_glimpse")}
 SWEEPS, PLACES, REACH_DIOPTRES = 20, 5, 0.025
 F_NUMBERS = (2.8, 4.0)
-
-
-# --- how soon --------------------------------------------------------------------------------------------------------
 
 
 def timed(owner: Any, name: str, took: list[float]) -> None:
@@ -126,9 +122,6 @@ def latency() -> None:
     for what, seconds in {"file to number, by the clock": took, **parts}.items():
         first, *rest = seconds
         print(f"  {what:28} the first {first:.2f} s, the {len(rest)} after it {min(rest):.2f} to {max(rest):.2f} s")
-
-
-# --- how near --------------------------------------------------------------------------------------------------------
 
 
 def true_mtf50(camera: SimulatedCamera, placed: PlacedChart, dioptres: float) -> float:

@@ -16,15 +16,11 @@ from itertools import combinations
 
 import numpy as np
 
-from procedures.outcome import Outcome, Verdict
-from procedures.pattern import Chart
+from procedures import Chart, Outcome, Plane, Psf, Roi, Verdict
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf
 from procedures.pattern_psf.estimate import estimate_psf as by_chart
-from procedures.psf import Psf
 from procedures.quality import Quality, mtf50_along, mtf_along
-from procedures.raw import Plane
 from procedures.slanted_edge.estimate import EdgeMtf, estimate_edge
-from procedures.slanted_edge.strip import Roi
 from procedures.two_photo.estimate import TwoPhotoPsf
 from procedures.two_photo.estimate import estimate_psf_of_pair as by_wall
 from tests.procedures.pattern_psf import analytic_camera as of_chart

@@ -15,9 +15,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from procedures.pattern import Chart
-from procedures.pattern_psf.estimate import PatternParameters, estimate_psf
-from procedures.raw import Plane, read_frame
+from procedures import Chart, PatternParameters, Plane, estimate_psf, read_frame
 from tests.benchmarks import SHARED, options
 from tests.procedures.pattern_psf.alignment import aligned_error
 

@@ -15,12 +15,11 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from procedures import filter_film, read_film
 from procedures.ray_histogram.comparison import psnr_db
 from procedures.ray_histogram.film import Film
-from procedures.ray_histogram.film_files import read_film
 from procedures.ray_histogram.film_noise import mean_variance
 from procedures.ray_histogram.filter import PAPER, FilterParameters
-from procedures.ray_histogram.multiscale import filter_film
 from procedures.reading.arrays import read_npz
 from tests.benchmarks import ROOT, SHARED
 

@@ -12,7 +12,6 @@ scenes after it, on small renders of those. Neither rival is given feature buffe
 The published films hold no covariance of the colours. There the second is given the correlation that suits it best.
 """
 
-import argparse
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -34,6 +33,7 @@ from procedures.ray_histogram.uncertainty import coverage, standard_uncertainty
 from procedures.reading.arrays import read_npz
 from simulators.rays.path_tracer import cast
 from simulators.rays.ray_scenes import SCENES
+from tests.benchmarks import options
 from tests.benchmarks.ray_histograms import DATA, film_of
 
 Doubles = npt.NDArray[np.float64]
@@ -47,9 +47,6 @@ RADII = (10, 20)
 CORRELATIONS = (0.0, 0.8, 0.9, 0.97)
 SCALES, SEARCH, PATCH = 3, 6, 1
 LEAST_EIGENVALUE = 1e-10
-
-
-# --- Welch ---------------------------------------------------------------------------------------------------------
 
 
 def welch(film: Film, critical: float, power: float, radius: int) -> Doubles:
@@ -90,9 +87,6 @@ def _pair(size: tuple[int, ...], dy: int, dx: int) -> tuple[Any, Any]:
     rows, columns = size
     first = np.s_[: rows - dy, max(0, -dx) : columns - max(0, dx)]
     return first, np.s_[dy:, max(0, dx) : columns - max(0, -dx)]
-
-
-# --- collaborative -------------------------------------------------------------------------------------------------
 
 
 def collaborative(film: Film, covariance: Doubles, kappa: float = 1.0) -> Doubles:
@@ -177,9 +171,6 @@ def _estimate(patches: Doubles, noise: Doubles) -> Doubles:
     return known
 
 
-# --- comparison ----------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Judge:
     """How far a picture is from the converged one, as it is printed."""
@@ -259,20 +250,15 @@ def render(name: str, columns: int, samples: int, converged: int) -> None:
 
 def main() -> None:
     """Print the Cornell box, then the scenes that were named."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scenes", nargs="*", choices=[*SCENES, []])
-    parser.add_argument("--columns", type=int, default=80)
-    parser.add_argument("--samples", type=int, default=64)
-    parser.add_argument("--converged", type=int, default=1024)
-    options = parser.parse_args()
+    given = options(__doc__, "scenes", scenes=list(SCENES), columns=80, samples=64, converged=1024)
     numba.set_num_threads(THREADS)
     truth = read_npz(DATA / "cornell_reference.npz", ("reference",))[0]["reference"].astype(np.float64)
     for samples in (64, 256):
         film = film_of(samples)
         print(f"\nCornell box, {samples} samples, PSNR in dB clipped / unclipped")
         compare(film, {f"correlation {rho}": correlated(film, rho) for rho in CORRELATIONS}, Judge(truth))
-    for name in options.scenes:
-        render(name, options.columns, options.samples, options.converged)
+    for name in given.scenes:
+        render(name, given.columns, given.samples, given.converged)
 
 
 if __name__ == "__main__":

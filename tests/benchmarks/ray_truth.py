@@ -16,10 +16,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter
 
-from procedures.outcome import BadInput
+from procedures import BadInput, filter_film
 from procedures.ray_histogram.blend import blend, divisor, open_image_denoise
 from procedures.ray_histogram.comparison import psnr_db
-from procedures.ray_histogram.multiscale import filter_film
 from procedures.ray_histogram.render_files import Halves, halves_of_pictures, halves_of_samples
 from procedures.ray_histogram.uncertainty import standard_uncertainty
 from tests.benchmarks import options

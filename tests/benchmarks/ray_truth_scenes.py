@@ -64,9 +64,6 @@ def _cast(name: str, converged: int) -> dict[str, Floats]:
     }
 
 
-# --- scenes --------------------------------------------------------------------------------------------------------
-
-
 def _scene(origin: list[float], target: list[float], fov: float, **things: Any) -> dict[str, Any]:
     import mitsuba as mi
 

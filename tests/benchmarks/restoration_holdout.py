@@ -7,7 +7,6 @@ of matching were chosen on pairs of seed 1 at 40 and 20 dB, how the depth's prio
 20 dB: from `--seed 4` on, nothing was chosen on the picture and its noise.
 """
 
-import argparse
 import platform
 import time
 
@@ -18,6 +17,7 @@ from procedures.restoration.joint import joint_descent
 from procedures.restoration.joint.data_term import restore_picture
 from procedures.restoration.joint.estimate import RestorationParameters, noise_of, restore
 from procedures.restoration.joint.schedule import Schedule, Scheme
+from tests.benchmarks import options
 from tests.benchmarks.restoration_scenes import Scene, scene
 
 Array = NDArray[np.floating]
@@ -52,12 +52,7 @@ def compare(case: Scene) -> None:
 
 def main() -> None:
     """Print the environment and a line for each case."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--noise", nargs="*", default=["clean", "40", "20"])
-    parser.add_argument("--blur", nargs="*", default=BLURS, choices=BLURS)
-    parser.add_argument("--depth", nargs="*", default=DEPTHS, choices=DEPTHS)
-    parser.add_argument("--seed", type=int, default=1)
-    asked = parser.parse_args()
+    asked = options(__doc__, noise=["clean", "40", "20"], blur=list(BLURS), depth=list(DEPTHS), seed=1)
     print(f"Python {platform.python_version()}, {platform.machine()}")
     for noise in asked.noise:
         for blur in asked.blur:

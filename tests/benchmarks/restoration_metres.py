@@ -14,9 +14,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.signal import fftconvolve
 
+from procedures import pillbox, stacks_of
 from procedures.restoration.joint.estimate import RestorationParameters, restoration_of
-from procedures.restoration.joint.kernel_sizes import stacks_of
-from procedures.restoration.masks.blur_models import pillbox
 from procedures.restoration.masks.thin_lens import CameraSetting, relation
 from procedures.restoration.metres import (
     BEHIND,

@@ -15,9 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from procedures.restoration.joint.estimate import restore
-from procedures.restoration.joint.kernel_sizes import stacks_of
-from procedures.restoration.masks.blur_models import pillbox
+from procedures import pillbox, restore, stacks_of
 from procedures.restoration.masks.thin_lens import CameraSetting, relation
 from procedures.restoration.metres import BEHIND, FRONT, CameraUncertainty, depth_spread, distances_of
 from tests.benchmarks.restoration_scenes import picture

@@ -11,8 +11,7 @@ from itertools import product
 
 import numpy as np
 
-from procedures.restoration.joint.estimate import restore
-from procedures.restoration.joint.kernel_sizes import stacks_of
+from procedures import restore, stacks_of
 from tests.benchmarks.restoration_scenes import picture
 from tests.procedures.restoration.two_flats import lens, two_flats, wandering
 

@@ -13,8 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from procedures.outcome import ProcedureError
-from procedures.restoration.photograph_blur import BlurSpec, UnknownMotion, blur_of
+from procedures import BlurSpec, ProcedureError, UnknownMotion, blur_of
 from tests.benchmarks import options
 from tests.benchmarks.restoration_measured_shake import Array, group, groups, score
 from tests.benchmarks.restoration_shaken import Shaken

@@ -9,9 +9,7 @@ from multiprocessing import get_context
 
 import numpy as np
 
-from procedures.pattern import Chart
-from procedures.pattern_psf.estimate import estimate_psf
-from procedures.raw import Plane
+from procedures import Chart, Plane, estimate_psf
 from tests.procedures.pattern_psf.alignment import aligned_error
 from tests.simulators.random_scenes import Trials, random_camera, random_scene
 

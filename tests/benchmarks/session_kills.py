@@ -33,8 +33,7 @@ from errno import ENOSPC
 from pathlib import Path
 from typing import Any
 
-from procedures.outcome import ProcedureError
-from procedures.raw import read_frame
+from procedures import ProcedureError, read_frame
 from simulators.bench.body import Opening
 from station.bench.opening import simulated_bench
 from station.common.durable_files import Disk
@@ -66,9 +65,6 @@ def estimate(frames: Any, facts: object, known: object) -> dict[str, Any]:
     moved = found.value.psf.h + 1e-6 * math.fmod(math.fsum(sums), 1.0) + 1e-12 * sums[0]
     psf = replace(found.value.psf, h=moved)
     return {"G1": replace(found, value=replace(found.value, psf=psf))}
-
-
-# --- faults ------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -130,9 +126,6 @@ class FaultyDisk(Disk):
         if self.count == self.fault.at and self.fault.kind == "after":
             die()
         return value
-
-
-# --- one process -------------------------------------------------------------------------------------------------
 
 
 class Log:
@@ -241,9 +234,6 @@ def logged(root: Path) -> list[list[Any]]:
     return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
 
 
-# --- what must be so ---------------------------------------------------------------------------------------------
-
-
 def results(folder: Path) -> dict[str, bytes]:
     """Every file under derived/; in the record, photographs go by hashes, and its own hash and the room are dropped.
 
@@ -288,9 +278,6 @@ def complaints(root: Path, reference: Path) -> list[str]:
     if len(set(counting)) != SHOTS or len(counting) != SHOTS:
         found.append(f"{len(counting)} shots count, {len(set(counting))} of them different")
     return found
-
-
-# --- all of them -------------------------------------------------------------------------------------------------
 
 
 def chosen(rng: random.Random, duration_s: float, operations: int, size: int) -> Fault:

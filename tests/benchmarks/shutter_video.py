@@ -7,16 +7,13 @@ They give points to some hundredths of a pixel; noise of `--noise-px` is added t
 readout time, its error in per cent and in stated uncertainties, and what the program says of the shutter.
 """
 
-import argparse
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from procedures import Chart, GeometryParameters, Plane, calibrate_geometry
 from procedures.geometry.chart_bins.photographs import views_of
-from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
 from procedures.geometry.views import ChartView
-from procedures.pattern import Chart
-from procedures.raw import Plane
+from tests.benchmarks import options
 from tests.benchmarks.fisheye_views import CELL_MM, Array, Pose, photograph, polynomial
 
 SIZE, RATE_HZ = (1280, 960), 30.0
@@ -67,11 +64,5 @@ def main(readout_ms: float, frames: int, draws: int, noise_px: float, model: str
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--readout-ms", type=float, default=20.0)
-    parser.add_argument("--frames", type=int, default=48)
-    parser.add_argument("--draws", type=int, default=1)
-    parser.add_argument("--noise-px", type=float, default=0.3)
-    parser.add_argument("--model")
-    given = parser.parse_args()
-    main(given.readout_ms, given.frames, given.draws, given.noise_px, given.model)
+    given = options(__doc__, readout_ms=20.0, frames=48, draws=1, noise_px=0.3, model="")
+    main(given.readout_ms, given.frames, given.draws, given.noise_px, given.model or None)

@@ -13,13 +13,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from procedures import Chart, Plane, Roi, estimate_edge, estimate_psf
 from procedures.cross_check.estimate import check_edges
 from procedures.outcome import Quantity
-from procedures.pattern import Chart
-from procedures.pattern_psf.estimate import estimate_psf
-from procedures.raw import Plane
-from procedures.slanted_edge.estimate import estimate_edge
-from procedures.slanted_edge.strip import Roi
 from simulators.camera.camera import Lens, SimulatedCamera
 from simulators.camera.optics import Optics
 from simulators.camera.sensor import Sensor

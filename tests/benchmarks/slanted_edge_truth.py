@@ -12,10 +12,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from procedures import Diffraction, Roi, estimate_edge
 from procedures.outcome import Quantity
-from procedures.quality import Diffraction
-from procedures.slanted_edge.estimate import estimate_edge
-from procedures.slanted_edge.strip import Roi
 from tests.procedures.slanted_edge.analytic import Array, Camera, edge, photograph
 
 DIFFRACTION = {

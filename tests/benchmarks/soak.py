@@ -15,7 +15,6 @@ truly were. After each operation:
 With `--firmware` the stage is GRBL's own program in simavr (see tests/conformance/grbl_transcript.py), else the twin.
 """
 
-import argparse
 import hashlib
 import json
 import os
@@ -48,6 +47,7 @@ from station.guide.run import Run
 from station.guide.scripted import ScriptedOperator
 from station.guide.vibration import SettlingTimeouts
 from station.sessions.session import Session
+from tests.benchmarks import options
 from tests.conformance.grbl_firmware import FirmwareInSimavr
 
 PHOTOGRAPHS = 3
@@ -352,13 +352,7 @@ def _processor_s() -> float:
 
 def main() -> int:
     """Soak each seed; print its counts."""
-    words = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    words.add_argument("--seeds", type=int, default=4)
-    words.add_argument("--first", type=int, default=0)
-    words.add_argument("--operations", type=int, default=500)
-    words.add_argument("--firmware", help="GRBL for an ATmega328P")
-    words.add_argument("--box", help="the program of grbl_box.c")
-    given = words.parse_args()
+    given = options(__doc__, seeds=4, first=0, operations=500, firmware="", box="")
     firmware = (given.firmware, given.box) if given.firmware else None
     wrong = 0
     for seed in range(given.first, given.first + given.seeds):

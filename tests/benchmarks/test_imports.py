@@ -15,9 +15,9 @@ PACKAGES = ("station", "drivers", "procedures", "simulators")
 def names_in(module: str) -> set[str]:
     """Everything that a module binds, wherever in it; of a package also what lies in its folder."""
     folder = ROOT.joinpath(*module.split("."))
-    package = folder.is_dir()
-    tree = ast.parse((folder / "__init__.py" if package else folder.with_suffix(".py")).read_text(encoding="utf-8"))
-    found = {path.stem for path in folder.iterdir()} if package else set()
+    texts = folder / "__init__.pyi", folder / "__init__.py", folder.with_suffix(".py")
+    tree = ast.parse(next(path for path in texts if path.is_file()).read_text(encoding="utf-8"))
+    found = {path.stem for path in folder.iterdir()} if folder.is_dir() else set()
     for node in ast.walk(tree):
         match node:
             case ast.FunctionDef(name=name) | ast.ClassDef(name=name) | ast.Name(id=name, ctx=ast.Store()):

@@ -12,12 +12,9 @@ from collections.abc import Callable
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from procedures import Chart, Plane, Psf, estimate_psf
 from procedures.field.estimate import BRACKET
-from procedures.pattern import Chart
-from procedures.pattern_psf.estimate import estimate_psf
-from procedures.psf import Psf
 from procedures.psf_field import Node
-from procedures.raw import Plane
 from procedures.tilt.estimate import Tilt, TiltParameters, estimate_tilt
 from procedures.tilt.plane import Screws
 from simulators.camera.camera import Lens, SimulatedCamera

@@ -12,11 +12,9 @@ import sys
 import mitsuba as mi
 import numpy as np
 
+from procedures import Plane, TwoPhotoParameters, estimate_psf_of_wall
 from procedures.numbers import HORIZONTAL, MTF_NYQUIST
-from procedures.raw import Plane
-from procedures.two_photo.estimate import TwoPhotoParameters
 from procedures.two_photo.prediction import predicted_uncertainty, together
-from procedures.two_photo.several import estimate_psf_of_wall
 from tests.procedures.two_photo.endless import WALLS
 from tests.procedures.two_photo.wall import samples_of
 

@@ -16,10 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from procedures.outcome import Verdict
-from procedures.pattern import Chart
-from procedures.pattern_psf.estimate import PatternParameters, estimate_psf
-from procedures.raw import read_frame
+from procedures import Chart, PatternParameters, Verdict, estimate_psf, read_frame
 from tests.benchmarks import SHARED
 from tests.procedures.pattern_psf.analytic_camera import Otf, View, circular, exposed, light, mtf50
 

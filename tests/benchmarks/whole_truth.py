@@ -21,19 +21,16 @@ from pathlib import Path
 
 import numpy as np
 
+from procedures import Chart, Psf, Roi, estimate_edge
 from procedures.field.estimate import FIELD
 from procedures.field.interpolate import interpolate
 from procedures.field.maps import MAPS, numbers_of, radius_direction
 from procedures.field.measuring import measure_frames
 from procedures.field.plan import locations
 from procedures.outcome import Quantity, Verdict
-from procedures.pattern import Chart
 from procedures.pattern_psf.outline import SHEET
-from procedures.psf import Psf
 from procedures.raw import Plane, RawFrame
 from procedures.reading.exposure import Exposure
-from procedures.slanted_edge.estimate import estimate_edge
-from procedures.slanted_edge.strip import Roi
 from procedures.two_photo.estimate import estimate_psf_of_pair as by_wall
 from simulators.camera.camera import true_mtf, true_psf
 from simulators.camera.optics import CircularPupil, GaussianBlur, Optics, PixelAperture
@@ -76,9 +73,6 @@ def place_at(x: float, y: float, f_number: float) -> Place:
     wavefront = LENS.wavefront(*ideal_field(LENS, at, SHAPE))
     parts = CircularPupil(f_number, wavefront), PixelAperture(FILL, FILL), GaussianBlur(BLUR_PX)
     return Place(Optics(parts, PITCH_UM), "Y", 1)
-
-
-# --- the field ------------------------------------------------------------------------------------------------------
 
 
 def tour() -> list[tuple[float, float]]:
@@ -141,9 +135,6 @@ def numbers_at(psf: Psf, at: tuple[float, float], f_number: float, of: tuple[str
     true = [*true_numbers(place, radius)[:-1], true_psf(place.optics, S, psf.k).energy_outside]
     for name, value, uncertainty, truth in zip(MAPS, *numbers_of(psf, radius), true, strict=True):
         yield Row(of[0], f_number, of[1], name, float(value), float(uncertainty), float(truth))
-
-
-# --- two photographs and edges --------------------------------------------------------------------------------------
 
 
 def two_places(f_number: float) -> dict[str, Place]:

@@ -8,11 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from procedures.outcome import Outcome, Verdict
-from procedures.pattern import Chart
-from procedures.pattern_psf.estimate import estimate_psf
+from procedures import Chart, Outcome, Plane, Verdict, estimate_psf
 from procedures.pattern_psf.witness import Photographs, WitnessedPsf, witnessed_psf
-from procedures.raw import Plane
 from tests.benchmarks import options
 from tests.benchmarks.adversarial import Corruption, Lens, Pose, chart_light, curve, shoulder, srgb, unsharp, veil
 

@@ -1,5 +1,3 @@
-"""What every camera promises."""
-
 import hashlib
 from dataclasses import replace
 from itertools import islice

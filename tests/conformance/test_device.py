@@ -1,5 +1,3 @@
-"""What every device promises, whatever its kind."""
-
 import pytest
 
 from drivers.errors import DeviceError, LineLost

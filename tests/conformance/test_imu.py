@@ -1,5 +1,3 @@
-"""What every IMU promises."""
-
 import numpy as np
 import pytest
 

@@ -1,5 +1,3 @@
-"""What every light promises."""
-
 import pytest
 
 from drivers.errors import BadConfiguration

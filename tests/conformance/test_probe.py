@@ -1,5 +1,3 @@
-"""What every probe promises."""
-
 import math
 
 import pytest

@@ -1,5 +1,3 @@
-"""The TMCL twin on a pseudo-terminal, driven by the maker's own library: its line, its datagrams, its module."""
-
 import time
 
 import pytest

@@ -1,5 +1,3 @@
-"""What every rangefinder promises."""
-
 import pytest
 
 from drivers.errors import DeviceError, NoReading

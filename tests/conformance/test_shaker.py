@@ -1,5 +1,3 @@
-"""What every shaker promises."""
-
 import math
 
 import pytest

@@ -1,5 +1,3 @@
-"""What every shutter promises."""
-
 import pytest
 
 from drivers.errors import DeviceError, EmergencyStopped, LineLost, Rejected, SystemClock

@@ -1,5 +1,3 @@
-"""What every stage promises."""
-
 from contextlib import contextmanager
 
 import pytest

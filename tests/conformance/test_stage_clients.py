@@ -1,5 +1,3 @@
-"""The twins of stage controllers, driven by published clients, which share no line with our drivers."""
-
 import time
 from collections.abc import Callable
 
@@ -42,9 +40,6 @@ def until(ready: Callable[[], object], limit_s: float = 10.0) -> None:
 
 def axis() -> dict[str, Axis]:
     return {"x_mm": Axis(0.0, 50.0, 21.0)}
-
-
-# --- Thorlabs --------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -93,9 +88,6 @@ def test_our_messages_are_those_of_the_published_protocol():
     ]  # fmt: skip
 
 
-# --- PI --------------------------------------------------------------------------------------------------------------
-
-
 @pytest.fixture
 def pi(port):
     pipython = pytest.importorskip("pipython", reason="pipython is not installed")
@@ -129,9 +121,6 @@ def test_a_pi_controller_references_moves_and_stops(pi):
     with pytest.raises(GCSError, match="stopped"):
         pi.StopAll()
     assert 10.0 < pi.qPOS("1")["1"] < 50.0
-
-
-# --- Newport ---------------------------------------------------------------------------------------------------------
 
 
 def test_an_esp301_homes_moves_and_stops(port, monkeypatch):

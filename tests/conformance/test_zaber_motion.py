@@ -1,5 +1,3 @@
-"""The Zaber twin, driven by the vendor's own library: a client that shares no line with ours."""
-
 import time
 
 import pytest

@@ -1,5 +1,3 @@
-"""Requests to an Alpaca server whose replies are wrong."""
-
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 

@@ -1,5 +1,3 @@
-"""The drivers of Alpaca devices at a server that others wrote (alpaca-simulators)."""
-
 import threading
 
 import pytest

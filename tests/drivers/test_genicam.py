@@ -1,5 +1,3 @@
-"""GenicamCamera through the real Aravis, at its fake GigE Vision camera: another process, over the loopback network."""
-
 import json
 import threading
 

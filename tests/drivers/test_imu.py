@@ -1,5 +1,3 @@
-"""Loss is counted, whichever way the device reports it."""
-
 import numpy as np
 import pytest
 

@@ -1,5 +1,3 @@
-"""Micro-Manager's adapters through its real core, at its own demo devices."""
-
 import threading
 import time
 

@@ -1,5 +1,3 @@
-"""Packed pixels: bits laid out by hand, as the naming convention and GigE Vision draw them."""
-
 import numpy as np
 import pytest
 

@@ -1,5 +1,3 @@
-"""Stages that are polled, at their twins: what each protocol says, damage to it, wrong configuration."""
-
 from contextlib import contextmanager
 
 import pytest
@@ -107,9 +105,6 @@ def test_a_line_in_step_asks_its_question_before_the_next_request():
     assert given == [b"a", b"who", b"b"]
 
 
-# --- Newport ---------------------------------------------------------------------------------------------------------
-
-
 def test_replies_of_both_dialects():
     replies = NewportParser().feed(b"12.5\r\n1TP-0.25\r\n0, 451322, NO ERROR DETECTED\r\n12TS000033\r\n")
     assert [tuple(reply) for reply in replies] == [
@@ -144,9 +139,6 @@ def test_a_controller_that_stopped_with_an_error_is_an_alarm(tmp_path, monkeypat
             bench.stage.position()
 
 
-# --- Thorlabs --------------------------------------------------------------------------------------------------------
-
-
 def test_a_status_without_its_data_is_no_message():
     status = bytes.fromhex("91040e008150") + bytes(14)
     damaged = bytes.fromhex("91040e000150")
@@ -166,9 +158,6 @@ def test_a_target_is_approached_only_as_it_was_read_back(tmp_path, monkeypatch):
         with pytest.raises(NoAnswer, match="reports another target than was set"):
             bench.stage.move_to(x_mm=10.0)
         assert bench.twin.axes["x_mm"].position(bench.clock.now_s()) == 0.0
-
-
-# --- Physik Instrumente ----------------------------------------------------------------------------------------------
 
 
 def test_a_query_that_became_the_order_to_search_is_stopped(tmp_path, monkeypatch):

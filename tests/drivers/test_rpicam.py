@@ -1,5 +1,3 @@
-"""RpicamCamera at a program that behaves as `rpicam-still`."""
-
 import json
 import sys
 import threading

@@ -1,5 +1,3 @@
-"""Instruments with SCPI: at a byte-level twin, and by pyvisa at pyvisa-sim, which others have written."""
-
 import pytest
 
 from drivers.errors import BadConfiguration, LineLost, NoAnswer, NoReading, Rejected
@@ -118,9 +116,6 @@ def test_a_reply_that_slips_by_one_is_never_taken_for_the_next(twin):
             probe.read()
     twin.cable.faults = Faults()
     assert probe.read()["humidity"].value == pytest.approx(45.2)
-
-
-# --- VISA ------------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture

@@ -1,5 +1,3 @@
-"""V4l2Camera at a twin that answers the kernel's requests; the twin, and the structures, against what others wrote."""
-
 import ctypes
 import io
 import json
@@ -232,8 +230,6 @@ def test_it_stands_in_station_toml(tmp_path, monkeypatch):
     with pytest.raises(BadConfiguration, match="has only one of columns and rows; write both, or none"):
         read_config(tmp_path / "station.toml")
 
-
-# --- what others wrote --------------------------------------------------------------------------------------------
 
 STRUCTURES = {
     "v4l2_capability": (kernel.Capability, {"version": "version", "device_caps": "device_caps"}),

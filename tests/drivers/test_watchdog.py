@@ -1,5 +1,3 @@
-"""The watchdog at its twin: heartbeats keep the motors enabled, and without them every axis has lost its position."""
-
 import threading
 from types import SimpleNamespace
 

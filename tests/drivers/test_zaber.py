@@ -1,5 +1,3 @@
-"""What Zaber devices do, and what the driver makes of it."""
-
 from itertools import pairwise
 
 import pytest

@@ -1,5 +1,3 @@
-"""The operator's application on the simulated bench: keys from the first screen to the result, in virtual time."""
-
 import asyncio
 import json
 import os

@@ -1,5 +1,3 @@
-"""The whole camera in one guided session: the panel, the chart at six places and turned, interrupted on the way."""
-
 import json
 import math
 from dataclasses import replace
@@ -230,9 +228,6 @@ def test_the_report_leads_to_all_parts_and_is_recomputed_bitwise(done):
     (again,) = recompute(done.folder)
     assert again.identical, again
     assert photographs(done.folder) == [done.folder / shot.path for shot in done.shots[2]]
-
-
-# --- the same photographs by the plans that take a part of them -----------------------------------------------------
 
 
 def concluded(root: Path, name: str, photographs: list, facts: dict) -> SimpleNamespace:

@@ -1,5 +1,3 @@
-"""A calibration from the empty room to the report, by an operator who says yes to everything."""
-
 import shutil
 from dataclasses import replace
 from functools import partial

@@ -1,5 +1,3 @@
-"""Random operation with photographs under faults, see `tests/benchmarks/soak.py`: one short seed."""
-
 import pytest
 
 from drivers.shutter import StrigShutter

@@ -11,10 +11,7 @@ import cv2
 import numpy as np
 
 from drivers.dng import Shot, write_dng
-from procedures.field.field_file import write_field
-from procedures.geometry.estimate import GeometryParameters
-from procedures.outcome import Outcome, Verdict
-from procedures.pattern import Chart
+from procedures import Chart, GeometryParameters, Outcome, Verdict, write_field
 from procedures.tilt.estimate import Tilt
 from procedures.tilt.plane import Screws, fit_plane, turns_for
 from simulators.bench.demonstration import EXPOSURE_S, ISO, Staging, stage

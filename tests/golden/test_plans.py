@@ -1,5 +1,3 @@
-"""All that guided plans ask, say and decide, for a few benches and photographs: `--freeze` writes it anew."""
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -8,9 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from procedures import Chart, ProcedureError
 from procedures.field.plan import BEFORE
-from procedures.outcome import ProcedureError
-from procedures.pattern import Chart
 from procedures.plan import Ask, Estimate, Facts, Give, Go, Known, Look, Plan, Scan, SetLight, Shoot, Show, Tour
 from procedures.raw import Plane, RawFrame, read_frame
 from procedures.reading.exposure import Exposure

@@ -1,5 +1,3 @@
-"""Results as a short text, as a figure on the caller's axes, and as both in a notebook."""
-
 import subprocess
 import sys
 
@@ -12,21 +10,20 @@ from procedures.display import LINES, WIDTH, summary
 from procedures.outcome import BadInput, BadParameter, Outcome, Refused, Verdict
 from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import estimate_psf
-from procedures.psf import Psf
 from procedures.quality import assess
 from procedures.raw import Plane, as_plane
 from procedures.restoration.joint.estimate import restore
 from procedures.restoration.joint.kernel_sizes import stacks_of
 from procedures.restoration.masks.blur_models import pillbox
 from procedures.slanted_edge.estimate import estimate_edges
+from tests.psfs import gaussian
 
 from .correction.small_lens import SmallLens
 
 
 @pytest.fixture
 def psf():
-    k = np.exp(-(np.hypot(*np.mgrid[-6:7, -6:7]) ** 2) / 8)
-    return Psf(k / k.sum(), 4, 1e-8 * np.eye(169))
+    return gaussian(0.5, k=13)
 
 
 @pytest.fixture(scope="module")

@@ -1,5 +1,3 @@
-"""Numbers of PSFs whose truth is a formula."""
-
 from math import erf
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""The profile against PSFs whose own is known, inside the support and in the tail."""
-
 import csv
 import io
 from dataclasses import replace
@@ -11,12 +9,7 @@ from procedures.psf import Psf, PsfTail
 from procedures.quality import assess
 from procedures.transfer_function import radial_profile
 from station.results.exports import profile_table
-
-
-def gaussian(sigma_px, s=4, k=33, sd=1e-4):
-    x = (np.arange(k) - k // 2) / s
-    h = np.exp(-(x[:, None] ** 2 + x**2) / (2 * sigma_px**2))
-    return Psf(h / h.sum(), s, np.eye(k * k) * sd**2)
+from tests.psfs import gaussian
 
 
 def with_tail(psf, amplitudes=(0.04, 0.005, 0.01, 0.0, 0.003, 0.0), sd=2e-3):
@@ -27,7 +20,7 @@ def with_tail(psf, amplitudes=(0.04, 0.005, 0.01, 0.0, 0.003, 0.0), sd=2e-3):
 def test_profile_of_a_gaussian_is_the_gaussian_with_its_uncertainty(rng):
     # beyond the band of the grid the Gaussian has exp(-2 pi^2 sigma^2 (s/2)^2) < 1e-13, outside its support 1e-6
     sigma = 0.8
-    found = radial_profile(gaussian(sigma))
+    found = radial_profile(gaussian(sigma, k=33))
     true = np.exp(-(found.radius**2) / (2 * sigma**2)) / (2 * np.pi * sigma**2)
     np.testing.assert_allclose(found.density, true, atol=1e-5 * true[0])
     # squares that a circle crosses make its edge a quarter of a sample wide
@@ -39,7 +32,7 @@ def test_profile_of_a_gaussian_is_the_gaussian_with_its_uncertainty(rng):
     for name in ("energy", "density"):
         scatter = np.std([getattr(one, name) for one in found], axis=0)
         np.testing.assert_allclose(scatter, getattr(found[0], f"{name}_uncertainty"), rtol=0.2)
-    rows = list(csv.DictReader(io.StringIO(profile_table(gaussian(0.6), 2).decode())))
+    rows = list(csv.DictReader(io.StringIO(profile_table(gaussian(0.6, k=33), 2).decode())))
     assert float(rows[3]["radius_sensor_pixels [sensor pixel]"]) == 2 * float(rows[3]["radius [pixel]"])
     assert float(rows[-1]["energy"]) == pytest.approx(1, abs=1e-3)
     assert float(rows[0]["energy"]) == 0

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 import rawpy
 
-from procedures.outcome import BadInput, BadParameter
+from procedures import BadInput, BadParameter, DumpLayout
 from procedures.raw import default_plane, read_frame, read_planes
-from procedures.reading.sensor_dump import DumpLayout
 
 WHITE = 16383
 BLACKS = np.array([[256, 257], [258, 259]])
@@ -160,9 +159,6 @@ def test_camera_dngs_are_scaled_and_interpolated_ones_refused(shared_data):
     assert np.corrcoef(planes["G1"].samples.ravel(), planes["G2"].samples.ravel())[0, 1] > 0.95
     with pytest.raises(BadInput, match="already demosaicked; a mosaic is required"):
         read_frame(shared_data / "raw" / "linear_no_mosaic.dng")
-
-
-# --- what is refused ---------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

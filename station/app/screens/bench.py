@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 STEPS = (0.01, 0.1, 1.0, 10.0, 100.0)
 LIGHT_STEP = 0.1
 WIRE_EVERY_S = 0.25
-BUSY = "The guide uses the bench: end its run first (Ctrl+C)."
 
 
 @dataclass(frozen=True)
@@ -134,8 +133,8 @@ class BenchScreen(StationScreen):
         bench = self.bench
         if bench is None:
             self._say(self._without())
-        elif self.app.bench_taken:  # type: ignore[attr-defined]
-            self._say(BUSY)
+        elif taken := self.app.bench_taken:  # type: ignore[attr-defined]
+            self._say(taken)
         else:
             self._say(words)
             self.app.by_hand(lambda: work(bench))  # type: ignore[attr-defined]

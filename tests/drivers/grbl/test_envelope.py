@@ -1,5 +1,3 @@
-"""Travel, rates and places as the controller is set to them."""
-
 import numpy as np
 import pytest
 

@@ -1,5 +1,3 @@
-"""Datagrams of TMCL: in step, late, cut off, and the stop past all of them."""
-
 import struct
 
 import pytest

@@ -1,5 +1,3 @@
-"""What TMCL modules do, and what the driver makes of it."""
-
 import sys
 
 import pytest

@@ -1,15 +1,12 @@
-"""Several photographs of one scene: registration, rejection, and a picture finer than the sensor."""
-
 from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 
+from procedures import BadInput, CorrectionParameters, Verdict, correct
 from procedures.correction.burst import place_of
-from procedures.correction.estimate import CorrectionParameters, correct
 from procedures.correction.noise import noise_of
-from procedures.outcome import BadInput, Verdict
 
 from .lens_photographs import Sensor
 from .small_lens import RIM, SmallLens, burst, scene

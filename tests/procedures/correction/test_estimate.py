@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from procedures.correction.estimate import CorrectionParameters, correct
+from procedures import CorrectionParameters, Verdict, correct
 from procedures.correction.priors import Prior
-from procedures.outcome import Verdict
 
 from .lens_photographs import RGGB, Sensor
 from .small_lens import RIM, SmallLens, bayer, grey, scene

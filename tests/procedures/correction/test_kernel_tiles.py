@@ -8,12 +8,8 @@ from tests.procedures.correction.small_lens import SmallLens
 LENS = SmallLens((64, 80), 0.8)
 
 
-@pytest.fixture(scope="module")
-def field():
-    return LENS.field("Y").field
-
-
-def test_filters_keep_flat_light_with_the_noise_gain_asked_for_and_a_gaussians_width(field):
+def test_filters_keep_flat_light_with_the_noise_gain_asked_for_and_a_gaussians_width():
+    field = LENS.field("Y").field
     tiles = kernel_tiles({"Y": field}, noise_gain=2.0, columns=3, size=9)
     np.testing.assert_allclose(tiles.kernels.sum(axis=(-2, -1)), 1, atol=1e-9)
     assert np.median(tiles.noise_gain) == pytest.approx(2.0, rel=2e-3)  # the root's tolerance

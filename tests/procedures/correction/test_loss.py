@@ -1,13 +1,10 @@
-"""Error of a picture due to the field: linear propagation compared with corrections through erroneous fields."""
-
 import numpy as np
 import pytest
 
-from procedures.correction.estimate import CorrectionParameters, correct
+from procedures import CorrectionParameters, Plane, correct
 from procedures.correction.loss import PLACES, field_error
 from procedures.correction.optics import PlaneFields
 from procedures.correction.priors import Prior
-from procedures.raw import Plane
 
 from .lens_photographs import Sensor
 from .small_lens import RIM, SmallLens, grey, scene
@@ -23,13 +20,9 @@ class Whole:
     shape, channel, channels, pitch = SHAPE, (0,), 1, 1
 
 
-@pytest.fixture(scope="module")
-def picture():
-    return scene(SHAPE).astype(np.float32)
-
-
 @pytest.mark.nightly
-def test_error_appears_at_detail_and_grows_with_contrast(picture):
+def test_error_appears_at_detail_and_grows_with_contrast():
+    picture = scene(SHAPE).astype(np.float32)
     optics = PlaneFields.of(
         {"Y": Plane("Y", picture[0], 1e-4)}, {"Y": SmallLens(SHAPE, 0.8).field("Y", 1e-3).field}, {}
     )

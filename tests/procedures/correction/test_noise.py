@@ -11,13 +11,9 @@ from .small_lens import scene
 
 
 @pytest.fixture(scope="module")
-def light():
-    return cv2.GaussianBlur(scene((360, 480))[0], (0, 0), 3)
-
-
-@pytest.fixture(scope="module")
-def samples(light):
+def samples():
     """Samples of a sensor whose white is 20000 electrons."""
+    light = cv2.GaussianBlur(scene((360, 480))[0], (0, 0), 3)
     return Sensor(white_e=20000.0).read(light, np.random.default_rng(3))
 
 

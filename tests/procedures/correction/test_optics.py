@@ -1,13 +1,10 @@
-"""Blur of a photograph on its sensor's grid, compared with the transfer functions of the field's complete PSFs."""
-
 import numpy as np
 import pytest
 
+from procedures import Plane, Psf
 from procedures.correction.optics import PlaneFields
 from procedures.field.interpolate import interpolate
-from procedures.psf import Psf
 from procedures.psf_field import Node
-from procedures.raw import Plane
 
 K, S, N = 9, 3, 64
 SHAPE = (60, 80)

@@ -1,5 +1,3 @@
-"""How a corruption is reported."""
-
 import math
 
 import pytest

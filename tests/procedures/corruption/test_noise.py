@@ -1,5 +1,3 @@
-"""Unsharp masks found in noise that was white before them; what lenses and paper do to noise is none."""
-
 import cv2
 import numpy as np
 import pytest

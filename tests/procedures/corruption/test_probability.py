@@ -1,5 +1,3 @@
-"""The probability that a number lies within two stated uncertainties, from the statistics of its checks."""
-
 import math
 
 import pytest

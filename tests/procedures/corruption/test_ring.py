@@ -1,5 +1,3 @@
-"""Rings around the cores of PSFs whose OTFs are formulae."""
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Strengths of corruptions in linear systems whose truth is known."""
-
 import numpy as np
 import pytest
 

@@ -1,14 +1,11 @@
-"""PSF and printed edges of the same simulated frame: they agree, and are silent where there are none."""
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from procedures import Chart, Plane
 from procedures.cross_check.estimate import EdgeCheck, check_edges, without_surroundings
-from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternPsf, estimate_psf
-from procedures.raw import Plane
 from procedures.slanted_edge.strip import Roi, strip_of
 from simulators.camera.camera import Lens, SimulatedCamera, true_mtf
 from simulators.camera.optics import Optics

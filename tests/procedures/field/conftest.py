@@ -1,9 +1,7 @@
 import numpy as np
 import pytest
 
-from procedures.pattern import Chart
-from procedures.pattern_psf.estimate import estimate_psf
-from procedures.raw import Plane
+from procedures import Chart, Plane, estimate_psf
 from simulators.camera.camera import Lens, SimulatedCamera
 from simulators.camera.optics import Optics
 from simulators.camera.sensor import Sensor

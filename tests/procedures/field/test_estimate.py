@@ -1,16 +1,12 @@
-"""Charts of one frame become nodes, in every plane at their positions in that plane."""
-
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from procedures import BadInput, PatternParameters, Refused, Verdict, assess
 from procedures.field import estimate
 from procedures.field.estimate import FrameNodes, estimate_field, measure_frame
-from procedures.outcome import BadInput, Refused, Verdict
 from procedures.pattern import CELLS, Chart
-from procedures.pattern_psf.estimate import PatternParameters
-from procedures.quality import assess
 from procedures.raw import Plane, RawFrame, read_frame
 from simulators.camera.camera import Lens, SimulatedCamera, true_mtf
 from simulators.camera.sensor import Sensor
@@ -35,12 +31,8 @@ def shot(tmp_path_factory):
     return camera.photograph(Scene(tuple(placed)), np.random.default_rng(3), path)
 
 
-@pytest.fixture(scope="module")
-def frame_nodes(shot):
-    return measure_frame(read_frame(shot.path), CHART, PARAMETERS)
-
-
-def test_nodes_and_lateral_colour_are_those_of_the_charts_and_a_failed_chart_is_named(shot, frame_nodes):
+def test_nodes_and_lateral_colour_are_those_of_the_charts_and_a_failed_chart_is_named(shot):
+    frame_nodes = measure_frame(read_frame(shot.path), CHART, PARAMETERS)
     for plane, nodes in frame_nodes.nodes.items():
         assert [node.number for node in nodes] == [1, 3]  # from left to right; the middle one is hidden
         for node, chart in zip(nodes, (2, 0), strict=True):
@@ -62,9 +54,6 @@ def test_a_frame_without_charts_is_refused():
     plane = Plane("Y", np.full((120, 160), 0.5, dtype=np.float32), 1 / 65535)
     with pytest.raises(Refused, match=r"flat\.pgm: no chart"):
         measure_frame(RawFrame(Path("flat.pgm"), "", {"Y": plane}, None), CHART, PARAMETERS)
-
-
-# --- a field without the application -------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")

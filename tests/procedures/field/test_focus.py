@@ -4,11 +4,10 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from procedures import Psf, Refused
 from procedures.field.focus import FREQUENCY, FocusSurface, best_focus, focus_surface, sharpest
 from procedures.field.maps import radius_direction
 from procedures.field.surfaces import fit_surface
-from procedures.outcome import Refused
-from procedures.psf import Psf
 from procedures.psf_field import Node, in_half_diagonals
 
 from .lens import LENS, NEAR, SHAPE, FieldCamera, K, S, grid, nodes
@@ -27,11 +26,6 @@ def drawn_bracket(covariance, seed):
 @pytest.fixture(scope="module")
 def bracket(covariance):
     return drawn_bracket(covariance, 11)
-
-
-@pytest.fixture(scope="module")
-def surface(bracket):
-    return focus_surface(bracket, SHAPE, unit="um")
 
 
 @lru_cache
@@ -59,7 +53,8 @@ def test_best_focus_is_within_its_band_over_the_field(covariance):
     assert np.mean(inside) >= 0.9
 
 
-def test_tilt_and_curvature_are_those_of_the_lens(surface):
+def test_tilt_and_curvature_are_those_of_the_lens(bracket):
+    surface = focus_surface(bracket, SHAPE, unit="um")
     # W = tilt . q + curvature |q - a|^2, compensated by the added defocus; 4 sigma, and 3 % because coma and
     # astigmatism perturb the quadratic
     numbers = surface.numbers()

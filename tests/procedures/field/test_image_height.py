@@ -1,5 +1,3 @@
-"""Sagittal and meridional MTF over image height, compared with the simulated lens."""
-
 import numpy as np
 import pytest
 
@@ -13,12 +11,6 @@ pytestmark = pytest.mark.slow
 F = 0.2
 
 
-@pytest.fixture(scope="module")
-def curve(measured):
-    (values,) = over_height(interpolate("G1", SHAPE, measured).field, (F,))
-    return values
-
-
 def true_mtf(camera, height, directions):
     """Sagittal and meridional MTF (n, 2) at places that far from the frame's centre, along directions."""
     values = []
@@ -28,7 +20,9 @@ def true_mtf(camera, height, directions):
     return np.array(values)
 
 
-def test_the_lens_is_in_the_95_percent_band_up_to_where_the_nodes_end(camera, curve):
+def test_the_lens_is_in_the_95_percent_band_up_to_where_the_nodes_end(camera, measured):
+    (values,) = over_height(interpolate("G1", SHAPE, measured).field, (F,))
+    curve = values
     turns = (np.arange(DIRECTIONS) + 0.5) * 2 * np.pi / DIRECTIONS
     off = []
     for i in np.flatnonzero(curve.directions == DIRECTIONS)[::2]:

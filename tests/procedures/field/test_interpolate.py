@@ -1,15 +1,12 @@
-"""The PSF between the nodes, compared with a lens with coma, astigmatism, field curvature and decentring."""
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from procedures import Psf, Refused
 from procedures.field.interpolate import _rank, interpolate, rebuild
 from procedures.field.models import Separate
 from procedures.numerics.scattered import ThinPlate
-from procedures.outcome import Refused
-from procedures.psf import Psf
 from procedures.psf_field import prior_covariance_part
 
 from .conftest import SEED

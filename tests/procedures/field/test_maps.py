@@ -1,10 +1,9 @@
 import numpy as np
 import pytest
 
+from procedures import Psf, Refused
 from procedures.field.interpolate import interpolate
 from procedures.field.maps import MAPS, derive, grid, lateral_colour, numbers_of, radius_direction
-from procedures.outcome import Refused
-from procedures.psf import Psf
 from procedures.psf_field import Node
 
 from .conftest import SEED

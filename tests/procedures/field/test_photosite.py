@@ -1,15 +1,11 @@
-"""An isotropic lens over square photosites: the anisotropy of the camera's maps is theirs."""
-
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
+from procedures import BadParameter, Psf, PsfField
 from procedures.field.maps import FieldMap, derive, mtf50_about, over_height
 from procedures.field.photosite import ASSUMED, Photosite, WithoutPhotosite
-from procedures.outcome import BadParameter
-from procedures.psf import Psf
-from procedures.psf_field import PsfField
 
 S, K = 4, 25
 SHAPE = (40, 60)

@@ -1,5 +1,3 @@
-"""Moves of a field's tour, compared with an independent projection by the bench's geometry."""
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -120,9 +118,6 @@ def test_the_tour_brings_the_sheet_to_the_frame_s_corners(count):
     facts = {**FACTS, "tour_half_x": 0.02, "tour_half_y": 0.03, "places": float(count)}
     points = {(round(one.x, 9), round(one.y, 9)) for one in locations(facts)}
     assert {(x, y) for x in (0.05, 0.95) for y in (0.06, 0.94)} <= points
-
-
-# --- checks before the first photograph ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -1,13 +1,10 @@
-"""Nodes of different supports are widened to one without changing their PSFs."""
-
 import numpy as np
 import pytest
 
+from procedures import Refused, otf
 from procedures.field.interpolate import widened, with_common_support
-from procedures.outcome import Refused
 from procedures.psf import Psf, PsfTail
 from procedures.psf_field import Node
-from procedures.quality import otf
 
 S = 4
 

@@ -3,9 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
+from procedures import GeometryParameters, Verdict, calibrate_geometry
 from procedures.geometry.views import ChartView, chart_nodes, greatest_tilt
-from procedures.outcome import Verdict
 
 from .conftest import PLAIN, SMALL
 from .simulated_views import CELL_MM, apart, fixed_to_charts, similarity, take

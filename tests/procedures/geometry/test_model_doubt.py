@@ -1,5 +1,3 @@
-"""Doubt about the camera model, with lenses that have terms which the model does not have."""
-
 import numpy as np
 import pytest
 

@@ -1,5 +1,3 @@
-"""Places in a photograph and on its chart, and the reference camera with its formulas."""
-
 import numpy as np
 import pytest
 
@@ -41,11 +39,6 @@ def test_a_chart_hangs_where_it_is_wanted(at):
     np.testing.assert_allclose(pose.R[:, 2], expected, atol=1e-12)
 
 
-@pytest.fixture(scope="module")
-def of_waves() -> Geometry:
-    return calibrated(TrueCamera(wave_px=0.3), "STEREOGRAPHIC+SPLINE_12X9")
-
-
 def calibrated(camera: TrueCamera, model: str | None = None) -> Geometry:
     taken = take(Shoot(camera=camera, every=4, count=8), np.random.default_rng(6))
     return calibrate_geometry(taken.views, camera.size, GeometryParameters(CELL_MM, 0.0, model), taken.nodes).result()
@@ -62,7 +55,8 @@ def geometry_of_prism() -> Geometry:
 
 
 @pytest.mark.nightly
-def test_no_formula_describes_waves_and_the_reference_does(of_waves):
+def test_no_formula_describes_waves_and_the_reference_does():
+    of_waves = calibrated(TrueCamera(wave_px=0.3), "STEREOGRAPHIC+SPLINE_12X9")
     # third differences of 0.3 pixel in waves of 4000 pixels, over pieces of 670: 0.3 (2 pi / 6)^3
     assert of_waves.camera.roughness_px >= 0.1
     inner = np.sqrt(np.mean(np.sum(apart(of_waves.camera, TrueCamera(wave_px=0.3), 0.3) ** 2, axis=1)))

@@ -1,5 +1,3 @@
-"""Cameras on a rig with known poses, which see one chart through lenses that are drawn by OpenCV."""
-
 from dataclasses import replace
 
 import numpy as np

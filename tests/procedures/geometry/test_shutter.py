@@ -1,12 +1,9 @@
-"""Row time of a shutter, from points that are exposed row by row while the chart moves."""
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
+from procedures import GeometryParameters, Outcome, calibrate_geometry
 from procedures.geometry.views import ChartView, Pose
-from procedures.outcome import Outcome
 
 from .simulated_views import CELL_MM, Shoot, TrueCamera, plan
 

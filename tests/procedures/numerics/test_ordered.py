@@ -1,5 +1,3 @@
-"""Quantiles and distinct values compared with NumPy's, which interpolate and sort in the same way."""
-
 import numpy as np
 import pytest
 

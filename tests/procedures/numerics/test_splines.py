@@ -1,5 +1,3 @@
-"""The band-limited cell image compared with its definition: integrals of the cells times the sinc kernel."""
-
 import numpy as np
 import pytest
 

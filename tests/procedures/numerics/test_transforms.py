@@ -1,5 +1,3 @@
-"""Transforms by OpenCV compared with NumPy's."""
-
 import numpy as np
 import pytest
 

@@ -1,5 +1,3 @@
-"""Triangular solvers compared with NumPy's general ones."""
-
 import numpy as np
 import pytest
 import scipy.fft

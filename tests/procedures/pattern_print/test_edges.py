@@ -1,5 +1,3 @@
-"""Chart with slanted edges: the chart is unchanged, and two edges in white are added."""
-
 import numpy as np
 import pytest
 

@@ -13,18 +13,14 @@ from procedures.pattern_print.source import Source
 PER_CELL = 4
 
 
-@pytest.fixture(scope="module")
-def image(source: Source) -> Bitmap:
-    return bitmap(source.chart, PER_CELL)
-
-
 def _decoded(data: bytes) -> Bitmap:
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     assert image is not None
     return image.astype(np.uint8)
 
 
-def test_png_and_pgm_give_back_every_pixel_with_size_and_seed(image, source):
+def test_png_and_pgm_give_back_every_pixel_with_size_and_seed(source):
+    image = bitmap(source.chart, PER_CELL)
     np.testing.assert_array_equal(_decoded(png(image, source, Size(300))), image)
     np.testing.assert_array_equal(_decoded(pgm(image, source, Size(300))), image)
     data = png(image, source, Size(300))

@@ -3,10 +3,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from procedures.pattern import Chart
+from procedures import Chart, Plane
 from procedures.pattern_psf.chart_finding.detection import find_chart
 from procedures.pattern_psf.registration import Registration, refine_corners, register_marks
-from procedures.raw import Plane
 from simulators.camera.camera import Lens, Photograph, SimulatedCamera
 from simulators.camera.optics import Optics
 from simulators.camera.sensor import Sensor

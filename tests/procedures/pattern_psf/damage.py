@@ -22,9 +22,6 @@ def soft(x: Array, sigma_px: float) -> Array:
     return cv2.GaussianBlur(x, (0, 0), sigma_px)
 
 
-# --- light ----------------------------------------------------------------------------------------------------------
-
-
 def banding(share: float, period_px: float) -> Change:
     return lambda x: x * (1 + share * np.sin(2 * np.pi * _places(x)[1] / period_px))
 
@@ -53,9 +50,6 @@ def gloss(radius_px: float, strength: float) -> Change:
 def shadow(share: float) -> Change:
     """Shape of an edge across the chart."""
     return lambda x: np.where(np.subtract(*_places(x)) > 20, x * (1 - share), x)
-
-
-# --- the chart ------------------------------------------------------------------------------------------------------
 
 
 def finger(radius_px: float, level: float) -> Change:
@@ -94,9 +88,6 @@ def curl(most_px: float) -> Change:
     return change
 
 
-# --- optics ---------------------------------------------------------------------------------------------------------
-
-
 def part_defocused(part: str, sigma_px: float) -> Change:
     def change(x: Array) -> Array:
         columns, rows = _places(x)
@@ -105,9 +96,6 @@ def part_defocused(part: str, sigma_px: float) -> Change:
         return np.where(where, soft(x, sigma_px), x)
 
     return change
-
-
-# --- the camera -----------------------------------------------------------------------------------------------------
 
 
 def jpeg(quality: int) -> Change:

@@ -1,11 +1,9 @@
-"""Advice of the checks corrects the actual deviation, compared with the simulator's truth."""
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from procedures.pattern import Chart
+from procedures import Chart, read_frame
 from procedures.pattern_psf.checks import (
     best_place,
     check_distance,
@@ -20,7 +18,6 @@ from procedures.pattern_psf.distance.ranging import fit_offset_mm, range_reading
 from procedures.pattern_psf.facts import RATIO
 from procedures.pattern_psf.pose import ChartPose, ImagingGeometry, chart_pose
 from procedures.plan import Facts
-from procedures.raw import read_frame
 from simulators.camera.camera import Lens, SimulatedCamera, pixels_at
 from simulators.camera.sensor import Sensor
 from simulators.world.projection import ObjectPose
@@ -53,9 +50,6 @@ def turned(**angles):
     return ObjectPose((0.0, 0.0, FAR_MM), **{f"{name}_deg": angle for name, angle in angles.items()})
 
 
-# --- outline ---
-
-
 def test_the_wanted_outline_is_the_present_one_of_a_chart_in_its_place(shoot):
     # seen from 1.2 times the distance and to the right; in its place it lies where the outline wanted it, to the pixel
     before = check_distance(shoot(ObjectPose((8.0, -5.0, 1.2 * FAR_MM))), FACTS).outline
@@ -64,8 +58,6 @@ def test_the_wanted_outline_is_the_present_one_of_a_chart_in_its_place(shoot):
     assert before.growth == pytest.approx(1.2, abs=0.03)
     assert before.arrow[0] < 0 < before.arrow[1]
 
-
-# --- square ------------------------------------------------------------------------------------------------------
 
 WORDS = {
     ("yaw", 6.0): "its right edge away",
@@ -116,9 +108,6 @@ def test_going_around_a_turned_chart_does_what_turning_it_does(shoot):
     assert moves["y_mm"] == pytest.approx(-FAR_MM * np.tan(np.radians(pitch)), abs=20)
 
 
-# --- distance ----------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("ratio", [0.96, 2.1])
 def test_the_way_to_the_right_distance_is_told_in_metres_and_leads_there(shoot, ratio):
@@ -163,9 +152,6 @@ def test_a_laser_is_within_reach_of_the_lens_and_needs_no_focal_length():
     (near,), (far,) = (range_readings({"laser_offset_mm": offset}) for offset in (-87.0, 1087.0))
     assert (near.value, near.good, far.good) == (-87.0, True, False)
     assert range_readings({}) == ()
-
-
-# --- light -------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -215,9 +201,6 @@ def test_a_blurred_chart_is_the_same_chart_with_a_lower_score(shoot):
     sharp = sharpness(shoot(), FACTS)
     soft = sharpness(shoot(camera=replace(CAMERA, focus_mm=FAR_MM / 1.12)), FACTS)
     assert sharp > 1.1 * soft
-
-
-# --- focus, shots ------------------------------------------------------------------------------------------------
 
 
 def test_the_best_place_of_a_parabola_is_its_vertex():

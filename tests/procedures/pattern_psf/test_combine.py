@@ -1,13 +1,10 @@
-"""Several shots: the mean of least variance, its covariance, and shots that do not belong together."""
-
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from procedures.outcome import Outcome, Verdict
+from procedures import Outcome, Psf, Verdict
 from procedures.pattern_psf.combine import combine
-from procedures.psf import Psf
 
 K = 7
 LEVEL = np.eye(K * K) - 1 / K**2

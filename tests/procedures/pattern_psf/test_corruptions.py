@@ -1,18 +1,15 @@
-"""Charts that a program or a lens changed: flagged by name, or within the uncertainty."""
-
 from collections.abc import Callable
 
 import cv2
 import numpy as np
 import pytest
 
+from procedures import Chart, Plane
 from procedures.corruption.directions import mask
 from procedures.numbers import MTF50_HORIZONTAL
 from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
-from procedures.pattern import Chart
 from procedures.pattern_psf.corruptions import PRINT_UNKNOWN, PRINTED_DOTS, print_prior
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
-from procedures.raw import Plane
 from tests.benchmarks.adversarial import CORRUPTIONS, photograph
 
 from .analytic_camera import View, circular, light, mtf50

@@ -1,5 +1,3 @@
-"""The whole chain against known truth, the published answers, and photographs that must be refused."""
-
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -7,13 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from procedures import BadParameter, Outcome, Plane, Verdict, read_frame
 from procedures.choice import COMMON
-from procedures.outcome import BadParameter, Outcome, Verdict
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_psf.centre import mark_offset
 from procedures.pattern_psf.chart_finding.detection import find_charts
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
-from procedures.raw import Plane, read_frame
 from simulators.camera.camera import SimulatedCamera
 from simulators.camera.sensor import Sensor
 from simulators.world.scene import Scene

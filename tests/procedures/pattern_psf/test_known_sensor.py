@@ -1,5 +1,3 @@
-"""A sensor calibrated by itself: its bent response is undone and not fitted, its noise weighs the samples."""
-
 from dataclasses import replace
 from functools import cache
 
@@ -7,12 +5,10 @@ import cv2
 import numpy as np
 import pytest
 
+from procedures import Chart, Plane, Verdict
 from procedures.clipping import SensorModel
-from procedures.outcome import Verdict
-from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
 from procedures.pattern_psf.radiometry import straighten
-from procedures.raw import Plane
 
 from .analytic_camera import View, circular, light
 

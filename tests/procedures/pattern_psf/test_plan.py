@@ -1,16 +1,13 @@
-"""Target distance of the plan before the chart is in sight, by lens, print and the sensor's planes."""
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from procedures.pattern import Chart
+from procedures import Chart, read_frame
 from procedures.pattern_psf.checks import check_light
 from procedures.pattern_psf.facts import RATIO, PatternFacts
 from procedures.pattern_psf.plan import DISTANCE, PRINT, chart_page, plan, rail_places, say_distance, towards_distance
 from procedures.plan import Ask, facts_as
-from procedures.raw import read_frame
 from simulators.camera.camera import Lens, SimulatedCamera, pixels_at
 from simulators.camera.sensor import Sensor
 from simulators.world.scene import Scene

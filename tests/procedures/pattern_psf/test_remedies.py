@@ -1,17 +1,12 @@
-"""Remedies for unsuitable given s and k, and the first cause of damaged photographs."""
-
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from procedures import Chart, Plane, Verdict, estimate_psf, read_frame
 from procedures.choice import Trial
-from procedures.outcome import Verdict
-from procedures.pattern import Chart
-from procedures.pattern_psf.estimate import estimate_psf
 from procedures.pattern_psf.trust import VerdictInputs, _truncation_checks
 from procedures.psf import Sampling
-from procedures.raw import Plane, read_frame
 
 from .damage import damaged
 

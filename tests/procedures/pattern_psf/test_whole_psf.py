@@ -1,16 +1,12 @@
-"""Numbers of the PSF compared with analytic optics of unlimited extent, independent of the method."""
-
 from functools import cache
 
 import cv2
 import numpy as np
 import pytest
 
+from procedures import Chart, Plane, Verdict
 from procedures.choice import UNSEEN
-from procedures.outcome import Verdict
-from procedures.pattern import Chart
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
-from procedures.raw import Plane
 
 from .analytic_camera import View, circular, exposed, light, mtf50
 

@@ -1,17 +1,14 @@
-"""Witnesses of a PSF: what two exposures, two distances and a defocus show that a single photograph does not."""
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
+from procedures import Chart, Plane
 from procedures.numbers import WITNESS_CURVATURE, WITNESS_RATIO, WITNESS_SHARPENING
 from procedures.outcome import Refused, Verdict, verdict_of
-from procedures.pattern import Chart
 from procedures.pattern_psf import witness
 from procedures.pattern_psf.witness import Photographs, witnessed_psf
-from procedures.raw import Plane
 from tests.benchmarks.witnessed import CORRUPTIONS, outcomes, photographs
 
 WHITE_E = 2e4

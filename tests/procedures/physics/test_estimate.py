@@ -1,14 +1,11 @@
-"""Recovery of the parts of simulated cameras from their PSFs; simulator and model share no code for the optics."""
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+from procedures import Chart, Diffraction, Plane, Psf, estimate_psf
 from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
-from procedures.pattern import Chart
-from procedures.pattern_psf.estimate import estimate_psf
 from procedures.physics.estimate import (
     Physics,
     WhitenedPsf,
@@ -18,9 +15,6 @@ from procedures.physics.estimate import (
     fit_parts,
 )
 from procedures.physics.model import TERMS, Aperture, Grid, LowPass, ModelParts, Pupil, aperture_otf, names_of
-from procedures.psf import Psf
-from procedures.quality import Diffraction
-from procedures.raw import Plane
 from simulators.camera.camera import Lens, SimulatedCamera, true_psf
 from simulators.camera.optics import (
     WAVELENGTHS_UM,

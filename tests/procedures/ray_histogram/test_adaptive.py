@@ -3,17 +3,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from procedures.outcome import BadParameter
+from procedures import BadParameter, filter_film
 from procedures.ray_histogram.adaptive import allot
 from procedures.ray_histogram.film import Film, film_of_samples
-from procedures.ray_histogram.multiscale import filter_film
-
-
-@pytest.fixture
-def truth(rng):
-    """A flat wall on the left, leaves of three pixels on the right."""
-    leaves = rng.uniform(0.2, 1.0, (10, 5)).repeat(3, 0).repeat(3, 1)
-    return np.concatenate([np.full((30, 45), 0.5), leaves], axis=1)
 
 
 class Renderer:
@@ -29,7 +21,9 @@ class Renderer:
         self.film.add(row, column, light)
 
 
-def test_pixels_with_few_similar_ones_get_more_samples_and_less_error(truth):
+def test_pixels_with_few_similar_ones_get_more_samples_and_less_error(rng):
+    leaves = rng.uniform(0.2, 1.0, (10, 5)).repeat(3, 0).repeat(3, 1)
+    truth = np.concatenate([np.full((30, 45), 0.5), leaves], axis=1)
     renderer = Renderer(truth, 1)
     renderer(np.full(truth.shape, 16))
     filtered = filter_film(renderer.film)

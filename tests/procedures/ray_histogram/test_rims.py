@@ -3,9 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from procedures import FilterParameters, filter_film
 from procedures.ray_histogram.film import film_of_samples
-from procedures.ray_histogram.filter import FilterParameters
-from procedures.ray_histogram.multiscale import filter_film
 from procedures.ray_histogram.rims import lamp_rims
 from procedures.ray_histogram.uncertainty import standard_uncertainty
 

@@ -1,10 +1,8 @@
 import numpy as np
 import pytest
 
-from procedures.outcome import BadInput, BadParameter
+from procedures import BadInput, BadParameter, FilterParameters, filter_film
 from procedures.ray_histogram.film import Film, film_of_samples
-from procedures.ray_histogram.filter import FilterParameters
-from procedures.ray_histogram.multiscale import filter_film
 from procedures.ray_histogram.sequence import filter_sequence
 
 SMALL = FilterParameters(scales=1, search=2)

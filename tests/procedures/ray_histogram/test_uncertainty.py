@@ -3,11 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from procedures.outcome import BadInput
+from procedures import BadInput, FilterParameters, filter_film
 from procedures.ray_histogram.film import Film, film_of_samples
 from procedures.ray_histogram.film_noise import mean_variance
-from procedures.ray_histogram.filter import FilterParameters
-from procedures.ray_histogram.multiscale import filter_film
 from procedures.ray_histogram.uncertainty import coverage, standard_uncertainty
 from simulators.rays.path_tracer import cast
 from simulators.rays.ray_scenes import room

@@ -1,5 +1,3 @@
-"""NumPy's files: wanted arrays are read, others skipped, and damaged archives raise BadInput."""
-
 import io
 import zipfile
 

@@ -1,12 +1,9 @@
-"""Declared sizes are compared with the limit before anything is decoded: time and memory stay small."""
-
 import subprocess
 import sys
 
 import pytest
 
-from procedures.outcome import BadInput, BadParameter
-from procedures.raw import read_frame
+from procedures import BadInput, BadParameter, read_frame
 from procedures.reading.guard import LIMIT, Room, read_file
 
 from . import bombs

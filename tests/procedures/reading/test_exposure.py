@@ -3,8 +3,7 @@ import io
 import numpy as np
 import pytest
 
-from procedures.outcome import BadParameter
-from procedures.raw import read_frame
+from procedures import BadParameter, read_frame
 from procedures.reading.exposure import Exposure, check_typed, disagreements, read_exposure
 
 MOSAIC = np.full((40, 60), 1000, np.uint16)

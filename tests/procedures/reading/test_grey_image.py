@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from procedures.outcome import BadInput
-from procedures.raw import read_frame
+from procedures import BadInput, read_frame
 from procedures.reading.grey_image import read_pgm
 
 LEVELS = (np.arange(12 * 20).reshape(12, 20) * 17).astype(np.uint16)

@@ -1,5 +1,3 @@
-"""Files with which the HDF5 library does not terminate are stopped in a separate process."""
-
 import h5py
 import numpy as np
 import pytest

@@ -1,5 +1,3 @@
-"""Sensor dumps: parsing of layouts, and files that disagree with them."""
-
 import numpy as np
 import pytest
 

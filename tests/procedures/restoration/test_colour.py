@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from procedures.outcome import BadInput
-from procedures.raw import Plane
+from procedures import BadInput, Plane
 from procedures.restoration.colour.estimate import (
     descended,
     error_of,

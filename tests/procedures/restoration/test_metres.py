@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
 
-from procedures.outcome import BadParameter
+from procedures import BadParameter, CameraSetting
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
-from procedures.restoration.masks.thin_lens import CameraSetting
 from procedures.restoration.metres import (
     BEHIND,
     FRONT,

@@ -1,19 +1,15 @@
-"""The plan for a lens's blur in addition to recorded motions: questions, doubts, and the blur."""
-
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from procedures.outcome import BadParameter
+from procedures import BadParameter, BlurSpec, CameraSetting, blur_of
 from procedures.plan import HAS_SHAKER, Ask, facts_as
 from procedures.raw import Plane, RawFrame, ShakerPath
 from procedures.reading.exposure import Exposure
 from procedures.restoration.facts import BOTH, MOTIONS, RestorationFacts
 from procedures.restoration.known_blur import blur_spec
 from procedures.restoration.masks.mask_fields import MaskField
-from procedures.restoration.masks.thin_lens import CameraSetting
-from procedures.restoration.photograph_blur import BlurSpec, blur_of
 from procedures.restoration.plan import parameters_of, plan
 from procedures.restoration.plan_checks import check_first
 

@@ -1,10 +1,7 @@
-"""Masks from the specification of the blur."""
-
 import numpy as np
 import pytest
 
-from procedures.outcome import BadParameter, Refused
-from procedures.restoration.masks.blur_models import pillbox
+from procedures import BadParameter, Refused, pillbox
 from procedures.restoration.masks.camera_motion import Poses
 from procedures.restoration.masks.psf_shapes import measured_shape
 from procedures.restoration.photograph_blur import (

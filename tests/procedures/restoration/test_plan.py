@@ -1,5 +1,3 @@
-"""The plan of a restoration: its checks of the photographs, and the estimate."""
-
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -7,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from procedures.outcome import BadInput, BadParameter, Outcome, Refused, Verdict
+from procedures import BadInput, BadParameter, CameraSetting, Outcome, Refused, Verdict
 from procedures.plan import HAS_IMU, Ask, Shoot, facts_as
 from procedures.raw import ImuRecord, Plane, RawFrame
 from procedures.reading.exposure import Exposure
@@ -22,7 +20,6 @@ from procedures.restoration.known_blur import (
     split_ground_truth,
 )
 from procedures.restoration.masks.camera_motion import planar_stacks
-from procedures.restoration.masks.thin_lens import CameraSetting
 from procedures.restoration.plan import compared_to_truth, estimate, path, plan
 from procedures.restoration.plan_checks import aperture_ratio, check_first, check_later, checks
 

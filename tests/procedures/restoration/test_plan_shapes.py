@@ -1,18 +1,15 @@
-"""The plan of a restoration with measured shapes: refusals when they are named, and the blur."""
-
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from procedures.outcome import BadInput, BadParameter
+from procedures import BadInput, BadParameter, KnownShapes, blur_of
 from procedures.plan import HAS_SHAKER, facts_as
 from procedures.raw import Plane, RawFrame
 from procedures.reading.exposure import Exposure
 from procedures.restoration.facts import MOTIONS, RestorationFacts
 from procedures.restoration.known_blur import blur_spec
 from procedures.restoration.masks.psf_shapes import measured_shape
-from procedures.restoration.photograph_blur import KnownShapes, blur_of
 from procedures.restoration.plan import plan
 from procedures.restoration.plan_checks import checks
 
@@ -21,11 +18,6 @@ FACTS = {"blur_by": "apertures", "max_w": 4.4, "first_f_number": 5.0, "second_f_
 
 def frame(samples):
     return RawFrame(Path("a"), "", {"Y": Plane("Y", samples.astype(np.float32), 1 / 65535)}, Exposure())
-
-
-@pytest.fixture
-def image(rng):
-    return 0.5 + 0.1 * rng.standard_normal((80, 96))
 
 
 def measured(name, plane, size):
@@ -64,7 +56,8 @@ def test_shapes_from_files_are_refused_or_end_the_search():
     assert not ask.when({**known, HAS_SHAKER: True})
 
 
-def test_measured_shapes_are_common_or_each_photographs_and_fields_of_its_size(image):
+def test_measured_shapes_are_common_or_each_photographs_and_fields_of_its_size(rng):
+    image = 0.5 + 0.1 * rng.standard_normal((80, 96))
     frames, apertures = [frame(image)] * 2, {**FACTS, "shape": "3.npy"}
     one = blur_spec(frames, facts_as(RestorationFacts, apertures), measured).source
     assert (len(one.shapes), one.ratios) == (2, (1.0, 1.25))

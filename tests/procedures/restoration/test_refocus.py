@@ -1,15 +1,11 @@
-"""A picture refocused: convolution where the scene is flat, nothing over what is nearer, sharp in focus."""
-
 import math
 
 import numpy as np
 import pytest
 from scipy.signal import oaconvolve
 
-from procedures.outcome import BadParameter
+from procedures import BadParameter, CameraSetting, refocus
 from procedures.restoration.masks.blur_models import mask_stack, pillbox, polygon
-from procedures.restoration.masks.thin_lens import CameraSetting
-from procedures.restoration.refocus import refocus
 
 SETTING = CameraSetting(50, 2.8, 2000, 6)
 

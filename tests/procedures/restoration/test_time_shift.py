@@ -1,5 +1,3 @@
-"""A motion record whose times are late is put right by the photographs, within what is known of the clocks."""
-
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -8,13 +6,10 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from procedures.outcome import BadInput
+from procedures import BadInput, BlurSpec, RestorationParameters, Scheme, blur_of
 from procedures.raw import Exposure, ImuRecord, Plane, RawFrame, ShakerPath, ShakerResponse, measured_path
-from procedures.restoration.joint.estimate import RestorationParameters
-from procedures.restoration.joint.schedule import Scheme
 from procedures.restoration.known_blur import recorded_motion
 from procedures.restoration.masks.camera_motion import poses_on
-from procedures.restoration.photograph_blur import BlurSpec, blur_of
 
 OPEN_S, FOCAL_PX, ROWS, COLUMNS, NOISE = 0.13, 700.0, 96, 128, 0.003
 NEAR, FAR = 1 / 1.2, 1 / 2.2

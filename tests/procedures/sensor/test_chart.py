@@ -1,12 +1,7 @@
-"""A camera with a nonlinearity of 5 %, calibrated by even light, then used with the chart."""
-
 import numpy as np
 import pytest
 
-from procedures.outcome import Verdict
-from procedures.pattern import Chart
-from procedures.pattern_psf.estimate import estimate_psf
-from procedures.raw import Plane
+from procedures import Chart, Plane, Verdict, estimate_psf
 from procedures.sensor.estimate import characterise, sensor_model
 
 from ..pattern_psf.analytic_camera import View, circular, light, mtf50

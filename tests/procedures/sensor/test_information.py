@@ -1,5 +1,3 @@
-"""NEQ of a known sensor with a known PSF; sharpening and smoothing do not change it."""
-
 import numpy as np
 import pytest
 import scipy.ndimage
@@ -8,6 +6,7 @@ import scipy.signal
 from procedures.psf import Psf
 from procedures.sensor.information import information
 from procedures.sensor.spectrograms import measure_noise_power
+from tests.psfs import gaussian
 
 from .known_sensor import KnownSensor
 
@@ -20,12 +19,6 @@ SENSOR = KnownSensor(rows=256, columns=256, prnu=0.0, dsnu_dn=0.0)
 ELECTRONS = 20000.0
 
 
-def gaussian(sigma_px: float, uncertainty: float = 1e-5) -> Psf:
-    at = (np.arange(K) - K // 2) / S
-    h = np.exp(-(at[:, None] ** 2 + at[None, :] ** 2) / (2 * sigma_px**2))
-    return Psf(h / h.sum(), S, uncertainty**2 * np.eye(K * K))
-
-
 @pytest.fixture(scope="module")
 def pictures() -> list[np.ndarray]:
     rng = np.random.default_rng(1)
@@ -34,7 +27,7 @@ def pictures() -> list[np.ndarray]:
 
 def test_quanta_and_noise_power_follow_from_the_electrons(pictures, rng):
     noise = measure_noise_power(pictures, SENSOR.gain * ELECTRONS)
-    found = information(gaussian(0.5), noise, rng)
+    found = information(gaussian(0.5, sd=1e-5), noise, rng)
     truth = ELECTRONS**2 / (ELECTRONS + SENSOR.dark_noise_e**2 + 1 / 12 / SENSOR.gain**2)
     zero = found.numbers["neq_zero"]
     assert abs(zero.value - truth) < 3 * zero.uncertainty
@@ -55,7 +48,7 @@ def test_filters_change_neither_quanta_nor_capacity(pictures, name):
     filtered = [scipy.ndimage.convolve(p, kernel, mode="wrap") for p in pictures]
     spread = np.zeros((2 * S + 1, 2 * S + 1))
     spread[::S, ::S] = kernel
-    plain = gaussian(0.5)
+    plain = gaussian(0.5, sd=1e-5)
     h = scipy.signal.convolve(plain.h, spread)  # wider by the kernel's reach
     psf = Psf(h, S, 1e-10 * np.eye(h.size))
     signal = SENSOR.gain * ELECTRONS
@@ -84,6 +77,6 @@ def test_capacity_follows_the_formula_wider_for_an_uncertain_psf(pictures, rng):
     assert np.std(z) == pytest.approx(1, abs=0.3)
     assert np.mean(bits) == pytest.approx(np.log2(1 + neq / 3) / 2, rel=0.01)
     noise = measure_noise_power(pictures, SENSOR.gain * ELECTRONS)
-    sure, unsure = (information(gaussian(0.5, u), noise, rng).numbers["information_capacity"] for u in (1e-6, 3e-3))
+    sure, unsure = (information(gaussian(0.5, sd=u), noise, rng).numbers["information_capacity"] for u in (1e-6, 3e-3))
     assert unsure.uncertainty > 2 * sure.uncertainty
     assert measure_noise_power([np.zeros((20, 100))] * 2, 1.0) is None

@@ -1,5 +1,3 @@
-"""Coverage of the intervals, in draws."""
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Edges that a program, a rough print or vibration changed: flagged by name, or within the uncertainty."""
-
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -9,14 +7,12 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
+from procedures import Plane, Roi, Verdict
 from procedures.corruption.family import FALSE_ALARM, Strength, nuisance, threshold
-from procedures.outcome import Verdict
-from procedures.raw import Plane
 from procedures.slanted_edge import corruptions
 from procedures.slanted_edge.corruptions import corruption_checks
 from procedures.slanted_edge.estimate import EdgeOutcome, estimate_edge
 from procedures.slanted_edge.evidence import HALO_PX, Evidence, _fall, _Samples
-from procedures.slanted_edge.strip import Roi
 from procedures.slanted_edge.transfer import FREQUENCIES
 
 from .analytic import Array, Camera, edge

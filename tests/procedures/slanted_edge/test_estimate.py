@@ -1,5 +1,3 @@
-"""MTF across simulated edges against the true optics, uncertainties against the scatter of errors, and refusals."""
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,10 +5,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from procedures.outcome import BadParameter, Outcome, Verdict
-from procedures.raw import read_frame
+from procedures import BadParameter, Outcome, Roi, Verdict, read_frame
 from procedures.slanted_edge.estimate import EdgeMtf, estimate_edge, estimate_edges
-from procedures.slanted_edge.strip import Roi
 from simulators.camera.optics import Optics
 from simulators.camera.pupil import Wavefront
 from simulators.world.scene import Illumination
@@ -128,9 +124,6 @@ def test_hot_and_dead_pixels_do_not_matter(rng):
     outcome = estimate_edge(replace(made, samples=samples), Roi.whole(samples))
     assert outcome.verdict is Verdict.PASS
     assert value(outcome).numbers["mtf50"].value == pytest.approx(clean.numbers["mtf50"].value, rel=0.002)
-
-
-# --- refusals ----------------------------------------------------------------------------------------------------
 
 
 def refusal(samples: np.ndarray, words: str) -> None:

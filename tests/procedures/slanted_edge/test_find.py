@@ -1,5 +1,3 @@
-"""Where edges are looked for without a region."""
-
 import numpy as np
 import pytest
 from scipy.special import ndtr

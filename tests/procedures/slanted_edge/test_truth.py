@@ -1,15 +1,10 @@
-"""Edges of analytic OTFs, clipped edges, and the verdict of each edge of a frame."""
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from procedures.outcome import Verdict
-from procedures.quality import Diffraction
-from procedures.raw import Plane
+from procedures import Diffraction, Plane, Roi, Verdict
 from procedures.slanted_edge.estimate import EdgeOutcome, estimate_edge, estimate_edges
-from procedures.slanted_edge.strip import Roi
 from procedures.slanted_edge.tail import Tail
 from simulators.camera.optics import CircularPupil, Optics, PixelAperture
 from simulators.camera.pupil import Wavefront

@@ -1,5 +1,3 @@
-"""Computations of the guided tilt: distance of the chart, distances of the bracket, and turns."""
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -116,8 +114,6 @@ def test_another_round_begins_with_the_screws():
     steps = [step.name for step in plan(lambda frames, facts, known: {}).steps]
     assert steps.index("turn") == steps.index("bracket") - 1
 
-
-# --- the chart's width: from sensor, lens and travel ----------------------------------------------------------------
 
 LENS = {"focal_length_mm": 24.0, "pixel_pitch_um": 11.88, "sensor_kind": "monochrome", "typed_f_number": 2.8,
         "paper": "a4"}  # fmt: skip

@@ -1,15 +1,12 @@
-"""Walls that a program or a lens changed: flagged by name; clean ones by none of the tests."""
-
 from collections.abc import Callable
 
 import cv2
 import numpy as np
 import pytest
 
+from procedures import Plane, TwoPhotoParameters, estimate_psf_of_pair
 from procedures.corruption.directions import mask
 from procedures.outcome import Verdict, causes_of
-from procedures.raw import Plane
-from procedures.two_photo.estimate import TwoPhotoParameters, estimate_psf_of_pair
 
 from .endless import CAMERAS, photographs
 

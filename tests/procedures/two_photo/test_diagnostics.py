@@ -1,5 +1,3 @@
-"""Diagnostics of kernels and covariances whose answers are known."""
-
 from types import SimpleNamespace
 from typing import Any
 

@@ -1,5 +1,3 @@
-"""The complete estimate of walls with known optics and of published photographs, and its refusals."""
-
 from collections.abc import Callable
 from pathlib import Path
 
@@ -131,9 +129,6 @@ def test_solvers_satisfy_their_constraints_and_the_recursion_its_equation(pair, 
 def test_impossible_parameters_are_refused(parameters: dict[str, object], match: str) -> None:
     with pytest.raises(BadParameter, match=match):
         TwoPhotoParameters(**parameters)  # type: ignore[arg-type]
-
-
-# --- refusals and doubtful verdicts -----------------------------------------------------------------------------
 
 
 def answers(outcome: Outcome[TwoPhotoPsf], verdict: Verdict, reason: str, remedy: str) -> None:

@@ -1,5 +1,3 @@
-"""Consistency of two photographs, and its effect on uncertainties and verdicts."""
-
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""The recursion for OTFs with a kernel in closed form."""
-
 from collections.abc import Callable
 
 import numpy as np

@@ -2,10 +2,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from procedures.outcome import BadParameter, Verdict
-from procedures.psf import Psf
-from procedures.raw import Plane
-from procedures.two_photo.estimate import TwoPhotoParameters, estimate_psf_of_pair
+from procedures import BadParameter, Plane, Psf, TwoPhotoParameters, Verdict, estimate_psf_of_pair
 from procedures.two_photo.several import estimate_psf_of_wall, joined_psf, weights
 
 from .endless import CAMERAS, mtf50, photographs

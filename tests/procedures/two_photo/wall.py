@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from procedures.outcome import Outcome
-from procedures.raw import Plane
+from procedures import Outcome, Plane
 from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf, estimate_psf_of_pair
 
 Array = np.ndarray

@@ -1,10 +1,7 @@
-"""Flats of a lens with decentred vignetting, under uneven light."""
-
 import numpy as np
 import pytest
 
-from procedures.outcome import Refused, Verdict
-from procedures.raw import Plane
+from procedures import Plane, Refused, Verdict
 from procedures.vignetting.estimate import NAMES, estimate_vignetting, frame_places, joint_formula
 
 ROWS, COLUMNS = 320, 480

@@ -1,11 +1,8 @@
-"""Writing and reading of a camera's file, and refusal of others."""
-
 import h5py
 import numpy as np
 import pytest
 
-from procedures import read_camera_numbers
-from procedures.outcome import BadInput, Outcome, Verdict
+from procedures import BadInput, Outcome, Verdict, read_camera_numbers
 from procedures.sensor.photon_transfer import GainAndNoise
 from procedures.vignetting.estimate import JointFormula
 from procedures.whole_camera.camera_file import write_camera_numbers

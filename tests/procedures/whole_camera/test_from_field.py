@@ -1,5 +1,3 @@
-"""Parts of a camera from simulated charts: their covariance compared with that of draws."""
-
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 

@@ -1,5 +1,3 @@
-"""Sheets as the camera sees them: contrast, place and overlap as optics and geometry have them."""
-
 import numpy as np
 import pytest
 

@@ -1,5 +1,3 @@
-"""The GRBL twin against GRBL's documents: what the interface and jogging pages say it answers."""
-
 import re
 
 import pytest

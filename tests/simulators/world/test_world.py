@@ -27,7 +27,7 @@ def test_the_bench_rings_after_a_move_and_comes_to_rest(world):
 def test_acceleration_integrates_to_the_change_of_velocity(world):
     # from rest to steady speed the integral of the felt force along x is the speed, once the ringing has gone
     travel_line([world.axes["x_mm"]], [300.0], 0.0, 20.0, 400.0)
-    t = np.linspace(-0.1, 6.0, 61001)
+    t = np.concatenate([np.linspace(-0.1, 0.2, 3001), np.linspace(0.2, 6.0, 5801)[1:]])
     force, _ = world.ideal_imu(t)
     gained = np.trapezoid(force[:, 0], t) * 1000
     # trapezoid rule across two jumps of 0.4 m/s^2: 2 * 400 * 1e-4 mm/s; ringing after 6 s: 1e-6

@@ -1,20 +1,34 @@
 """Driving the application with keys, and its screen as plain text."""
 
+from __future__ import annotations
+
 import asyncio
 import os
 import threading
 import time
 from collections.abc import Awaitable, Callable
+from inspect import isawaitable
 from pathlib import Path
 
 from textual.pilot import Pilot
 
+from procedures.plan import Ask
 from station.app.app import StationApp
 
 SCREENS = Path(__file__).parent / "screens"
 WRITE = "STATION_WRITE_SCREENS"
 """Where this is set in the environment, the stored screens are written instead of compared."""
 PATIENCE_S = 20.0
+
+
+class Absent(str):
+    """A text that is not on the screen."""
+
+
+Act = str | Absent | Ask | list[str] | threading.Event | Callable[["Driver"], object]
+START = "press Enter to begin"
+BEGIN = Ask("begin", START)
+"""Enter on the first screen."""
 
 
 class Driver:
@@ -51,21 +65,23 @@ class Driver:
             assert time.monotonic() < end, f"waited in vain for {what}; {self.behind}; the screen is\n{self.text}"
             await self.pilot.pause(0.01)
 
-    async def begin(self) -> None:
-        """Begin a run from the first screen by Enter."""
-        await self.answer("press Enter to begin")
-
-    async def answer(self, *questions: str) -> None:
-        """Answer each as proposed, once it is asked."""
-        for question in questions:
-            await self.until(question)
+    async def act(self, act: Act) -> None:
+        """Carry out one act of `play`."""
+        if isinstance(act, Absent):
+            assert act not in self.text, self.text
+        elif isinstance(act, str):
+            await self.until(act)
+        elif isinstance(act, Ask):
+            await self.until(act.question)
             await self.press("enter")
-
-    async def go(self, what: str | Callable[[], object], *keys: str) -> None:
-        """Press keys on the first screen, and wait for what they lead to."""
-        await self.until("press Enter to begin")
-        await self.press(*keys)
-        await self.until(what)
+        elif isinstance(act, list):
+            await self.press(*act)
+        elif isinstance(act, threading.Event):
+            act.set()
+        elif isawaitable(done := act(self)):
+            await done
+        elif not done:
+            await self.until(lambda: act(self))
 
     async def looks_like(self, name: str) -> None:
         """Compare with the stored screen, until both agree."""
@@ -87,3 +103,17 @@ def drive(app: StationApp, use: Callable[[Driver], Awaitable[None]], size: tuple
             await use(Driver(app, pilot))
 
     asyncio.run(run())
+
+
+def play(app: StationApp, *acts: Act, size: tuple[int, int] = (80, 24)) -> None:
+    """Carry out acts in an application of that size.
+
+    A text is waited for, a question awaited and answered as proposed, keys in a list are pressed, an event is set; a
+    function of the driver is awaited, or waited for until it holds.
+    """
+
+    async def use(driver: Driver) -> None:
+        for act in acts:
+            await driver.act(act)
+
+    drive(app, use, size)

@@ -1,5 +1,3 @@
-"""Images and curves in characters, compared with their data."""
-
 import asyncio
 import unicodedata
 

@@ -1,5 +1,3 @@
-"""What holds on every screen: the emergency stop, help, commands by name, strings that mean harm."""
-
 import threading
 import time
 
@@ -11,11 +9,15 @@ from station.app.commands import BENCH, BY_NAME, EVERYWHERE, GUIDE, RESULTS
 from station.guide.frontend import ProgressEvent, RunEnded
 from station.guide.workspace import SessionSummary
 
-from .driving import Driver, drive
+from .driving import BEGIN, START, Absent, Driver, play
 from .fakes import FakeLab, FakeRun, chosen_step
 
 ASK = Ask("width", "How wide?", "number", default=1.0)
 HOSTILE = "[bold red]x[/] \x1b[31mred\x1b[0m \u202egpj.exe \x07 [@click=app.quit]q[/]"
+
+
+def ended(driver: Driver) -> bool:
+    return driver.app.running("run") is None
 
 
 @pytest.mark.slow
@@ -25,51 +27,28 @@ HOSTILE = "[bold red]x[/] \x1b[31mred\x1b[0m \u202egpj.exe \x07 [@click=app.quit
 )
 def test_the_emergency_stop_works_on_every_screen(tmp_path, screen, stop):
     lab = FakeLab(tmp_path, lambda run: chosen_step(run, ASK))
-
-    async def use(driver: Driver) -> None:
-        await driver.begin()
-        await driver.until("How wide?")
-        if screen != "guide":
-            await driver.press(screen)
-        await driver.press(stop)
-        await driver.until(lambda: lab.stage.stops)
-        await driver.until(lambda: driver.app.running("run") is None)
-
-    drive(StationApp(lab), use)
+    keys = [stop] if screen == "guide" else [screen, stop]
+    play(StationApp(lab), BEGIN, ASK.question, keys, lambda driver: lab.stage.stops, ended)
 
 
 def test_the_stop_waits_for_no_one(tmp_path):
     lab, held = FakeLab(tmp_path, lambda run: chosen_step(run, ASK)), threading.Event()
     lab.stage.move_to = lambda **target: held.wait(20)  # type: ignore[method-assign]
-
-    async def use(driver: Driver) -> None:
-        await driver.go(lambda: lab.stage.stops, "f3", "right", "right", "f12")
-        await driver.until("EMERGENCY STOP")
-        held.set()
-
-    drive(StationApp(lab), use)
+    pressed = ["f3", "right", "right", "f12"], lambda driver: lab.stage.stops
+    play(StationApp(lab), START, *pressed, "EMERGENCY STOP", held)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("screen", ["f2", "f3"])
 def test_help_and_palette_list_every_command_of_the_screen(tmp_path, screen):
-    async def use(driver: Driver) -> None:
-        await driver.until("press Enter to begin")
-        await driver.press(*(() if screen == "f2" else (screen,)))
-        offered = driver.app.offered()
-        assert offered
-        await driver.press("f1")
-        await driver.until("Escape closes this")
+    async def to_the_last(driver: Driver) -> None:
         while "Leave the program" not in driver.words:
             await driver.press("pagedown")
-        await driver.press("end")
-        await driver.until("reliability of the measurement")
-        await driver.press("escape", "ctrl+p")
-        await driver.until("Search for commands")
-        await driver.press(*"show help", "enter", "enter")
-        await driver.until("The guide (F2) leads")
 
-    drive(StationApp(FakeLab(tmp_path, lambda run: RunEnded("finished"))), use)
+    shown = ["f1"], "Escape closes this", to_the_last, ["end"], "reliability of the measurement", ["escape", "ctrl+p"]
+    found = "Search for commands", [*"show help", "enter", "enter"], "The guide (F2) leads"
+    app = StationApp(FakeLab(tmp_path, lambda run: RunEnded("finished")))
+    play(app, START, [] if screen == "f2" else [screen], lambda driver: app.offered(), *shown, *found)
 
 
 def test_every_command_says_what_it_does_and_no_key_is_taken_twice():
@@ -86,34 +65,17 @@ def test_hostile_strings_show_as_text(tmp_path):
     def script(run: FakeRun) -> RunEnded:
         return chosen_step(run, ProgressEvent(HOSTILE), Ask("k", HOSTILE, "choice", choices=(HOSTILE, "b")))
 
-    async def use(driver: Driver) -> None:
-        await driver.until("[bold red]x[/] \\x1b[31mred")
-        await driver.press("enter")
-        await driver.until("\\u202egpj.exe \\x07")
-        assert "[@click=app.quit]q[/]" in driver.text
-        assert not set(driver.text) & {"\x1b", "\x07", "\u202e"}
-
     lab = FakeLab(tmp_path, script, [kept])
     lab.names = (HOSTILE, HOSTILE)
-    drive(StationApp(lab), use, (160, 40))
+    shown = "[bold red]x[/] \\x1b[31mred", ["enter"], "\\u202egpj.exe \\x07", "[@click=app.quit]q[/]"
+    play(StationApp(lab), *shown, *map(Absent, "\x1b\x07\u202e"), size=(160, 40))
 
 
 def test_leaving_asks_first_when_a_run_goes(tmp_path):
-    lab = FakeLab(tmp_path, lambda run: chosen_step(run, ASK))
-
-    async def use(driver: Driver) -> None:
-        await driver.begin()
-        await driver.until("How wide?")
-        await driver.press("ctrl+q")
-        await driver.until("A run or a movement is in progress")
-        await driver.press("enter")
-        assert driver.app.running("run")
-        await driver.press("ctrl+q")
-        await driver.until("quit after this exposure")
-        await driver.press("2")
-        await driver.until(lambda: driver.app.return_value == 0)
-
-    drive(StationApp(lab), use)
+    app = StationApp(FakeLab(tmp_path, lambda run: chosen_step(run, ASK)))
+    stays = ["ctrl+q"], "A run or a movement is in progress", ["enter"], lambda driver: app.running("run")
+    leaves = ["ctrl+q"], "quit after this exposure", ["2"], lambda driver: app.return_value == 0
+    play(app, BEGIN, ASK.question, *stays, *leaves)
 
 
 @pytest.mark.slow
@@ -139,11 +101,4 @@ def test_the_loop_goes_on_while_a_run_computes(tmp_path):
             sum(range(1000))
         return RunEnded("finished")
 
-    async def use(driver: Driver) -> None:
-        await driver.begin()
-        await driver.until("computing")
-        await driver.press("f3")
-        await driver.until("Manual moves")
-        end.set()
-
-    drive(StationApp(FakeLab(tmp_path, busy)), use)
+    play(StationApp(FakeLab(tmp_path, busy)), BEGIN, "computing", ["f3"], "Manual moves", end)

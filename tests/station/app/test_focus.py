@@ -1,6 +1,5 @@
-"""Live focus, driven by keys."""
-
 import threading
+from pathlib import Path
 from types import SimpleNamespace
 
 import cv2
@@ -17,11 +16,13 @@ from station.drawing.glyphs import ASCII, big_lines
 from station.guide.focus import live
 from station.guide.workspace import OpenedBench
 
-from .driving import Driver, drive
+from .driving import START, Act, Driver, play
 from .fakes import FakeLab, chosen_step
 
 ROOMS = {(80, 24): (42, 5), (120, 40): (84, 10), (200, 50): (126, 15)}
 """The number's room on each terminal, in characters: read from across a room."""
+WIDTH = Ask("width", "How wide?", "number", default=1.0)
+READ_S = 1.25 * MIN_READ_S
 SCORES = {"1.png": 0.30, "2.png": 0.40, "3.png": 0.35}
 
 
@@ -33,6 +34,11 @@ def sharpness(score: float) -> SimpleNamespace:
         **numbers, along_columns=Quantity(score - 0.01, "cycles/pixel", 0.002, "test", 9), s_over_t=1.28,
         astigmatism=(0.01, 0.003), sighting=SimpleNamespace(marks={}, corners=corners),
     )  # fmt: skip
+
+
+@pytest.fixture
+def lab(tmp_path) -> FakeLab:
+    return FakeLab(tmp_path, chosen_step)
 
 
 @pytest.fixture
@@ -52,49 +58,37 @@ def measured(monkeypatch, tmp_path):
     monkeypatch.setattr(screen, "marks_of", lambda sighting: ((10.0, 10.0), (50.0, 30.0)))
 
 
+WHERE = "Where do the photographs of the chart come from?"
+FOLDER = START, ["f7"], WHERE, ["enter", ".", "enter"], "Take a photograph."
+"""Those of the folder of work are shown."""
+
+
+def ended(driver: Driver) -> bool:
+    return driver.app.running("focus") is None
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("size", ROOMS, ids=str)
-def test_every_photograph_of_a_folder_shows_which_way_to_turn(tmp_path, measured, size, monkeypatch):
+def test_every_photograph_of_a_folder_shows_which_way_to_turn(lab, measured, size, monkeypatch):
     monkeypatch.setattr(screen, "_took", lambda seen: f"Photograph {seen.number}: measured.")
-    lab = FakeLab(tmp_path, lambda run: chosen_step(run))
-    incoming = tmp_path / "in"
-    incoming.mkdir()
+    Path("in").mkdir()
 
-    async def use(driver: Driver) -> None:
-        await driver.go("Where do the photographs of the chart come from?", "f7")
-        await driver.press("enter", *"in", "enter")
-        await driver.until("Take a photograph.")
-        for name, words in zip(SCORES, ("a little, either way", "go on the same way", "Turn back 1 step"), strict=True):
-            cv2.imwrite(str(incoming / name), np.zeros((4, 4), np.uint8))
-            await driver.until(words)
-        await driver.until("best 0.400, photograph 2")
-        await driver.until("s/t 1.28")
-        for line in big_lines("0.350<", *ROOMS[size], "█"):
-            assert line in driver.text
-        await driver.looks_like(f"focus-{size[0]}")
-        await driver.press("escape")
-        await driver.until("Where do the photographs of the chart come from?")
-        assert driver.app.running("focus") is None
+    def taken(name: str) -> Act:
+        return lambda driver: cv2.imwrite(f"in/{name}", np.zeros((4, 4), np.uint8))
 
-    drive(StationApp(lab), use, size)
+    words = "a little, either way", "go on the same way", "Turn back 1 step"
+    turns = [act for name, turn in zip(SCORES, words, strict=True) for act in (taken(name), turn)]
+    number = "best 0.400, photograph 2", "s/t 1.28", *big_lines("0.350<", *ROOMS[size], "█")
+    begin = START, ["f7"], WHERE, ["enter", *"in", "enter"], "Take a photograph."
+    end = lambda driver: driver.looks_like(f"focus-{size[0]}"), ["escape"], WHERE, ended
+    play(StationApp(lab), *begin, *turns, *number, *end, size=size)
 
 
 @pytest.mark.slow
-def test_it_is_chosen_on_the_first_screen_and_a_run_may_use_the_bench_meanwhile(tmp_path, measured):
-    lab = FakeLab(tmp_path, lambda run: chosen_step(run, Ask("width", "How wide?", "number", default=1.0)))
-
-    async def use(driver: Driver) -> None:
-        await driver.until("press Enter to begin")
-        await driver.until("live focus")
-        await driver.pilot.pause(0.3)
-        await driver.press("f7")
-        await driver.until("Where do the photographs of the chart come from?")
-        await driver.press("enter", ".", "enter")
-        await driver.until("Take a photograph.")
-        await driver.press("f2", "1")
-        await driver.until("How wide?")
-
-    drive(StationApp(lab, ASCII), use)
+def test_it_is_chosen_on_the_first_screen_and_a_run_may_use_the_bench_meanwhile(lab, measured):
+    lab.script = lambda run: chosen_step(run, WIDTH)
+    first = START, "live focus", lambda driver: driver.pilot.pause(0.3)
+    play(StationApp(lab, ASCII), *first, *FOLDER[1:], ["f2", "1"], WIDTH.question)
 
 
 class FakeCamera:
@@ -131,7 +125,7 @@ class SimulatedLab(FakeLab):
     """A bench with a camera, a lamp, and an operator model that turns the ring."""
 
     def __init__(self, folder) -> None:
-        super().__init__(folder, lambda run: chosen_step(run, Ask("width", "How wide?", "number", default=1.0)))
+        super().__init__(folder, lambda run: chosen_step(run, WIDTH))
         self.camera = FakeCamera(folder, self.stage)
         lamp = SimpleNamespace(
             address="", connect=self.camera.connect, condition=self.camera.condition, set_level=lambda level: None,
@@ -148,78 +142,34 @@ class SimulatedLab(FakeLab):
 @pytest.mark.slow
 def test_the_simulated_ring_turns_by_keys_and_stages_move_by_enter_alone(tmp_path, measured):
     lab = SimulatedLab(tmp_path)
-
-    async def use(driver: Driver) -> None:
-        await driver.until("press Enter to begin")
-        await driver.until(lambda: driver.app.bench)
-        await driver.press("f7")
-        await driver.until("the simulated camera")
-        await driver.press("1")
-        await driver.until("clear: press Enter to move")
-        await driver.press("1", "space", "right")
-        assert not lab.stage.homed
-        await driver.pilot.pause(1.25 * MIN_READ_S)
-        await driver.press("enter")
-        await driver.until("Photograph 1, 2.png")
-        await driver.press("right")
-        await driver.until("Turn 1 step towards near: frame 1 was sharper")
-        await driver.press("left", "left")
-        await driver.until("Turn 1 step towards infinity: frame 1 was sharper")
-        await driver.until("best 0.400, photograph 1")
-        await driver.until("Photograph 4, 1.png")
-        await driver.press("f2", "1")
-        await driver.until("Live focus uses the bench: end it first")
-        assert lab.runs == []
-        await driver.press("f12")
-        await driver.until(lambda: lab.stage.stops)
-        await driver.until(lambda: driver.app.running("focus") is None)
-        await driver.press("f7")
-        await driver.until("Where do the photographs of the chart come from?")
-
-    drive(StationApp(lab), use, (120, 40))
+    chosen = START, lambda driver: driver.app.bench, ["f7"], "the simulated camera", ["1"], "clear: press Enter to move"
+    asked = ["1", "space", "right"], lambda driver: not lab.stage.homed, lambda driver: driver.pilot.pause(READ_S)
+    moved = ["enter"], "Photograph 1, 2.png", ["right"], "Turn 1 step towards near: frame 1 was sharper"
+    back = ["left", "left"], "Turn 1 step towards infinity: frame 1 was sharper"
+    best = "best 0.400, photograph 1", "Photograph 4, 1.png"
+    busy = ["f2", "1"], "Live focus uses the bench: end it first", lambda driver: not lab.runs
+    stopped = ["f12"], lambda driver: lab.stage.stops, ended, ["f7"], WHERE
+    play(StationApp(lab), *chosen, *asked, *moved, *back, *best, *busy, *stopped, size=(120, 40))
     assert all(lab.camera.homed_first)
     assert len(lab.camera.homed_first) == 4
 
 
 @pytest.mark.slow
-def test_a_folder_that_is_not_there_is_named_and_asked_again(tmp_path):
-    lab = FakeLab(tmp_path, lambda run: chosen_step(run))
-
-    async def use(driver: Driver) -> None:
-        await driver.go("Where do the photographs of the chart come from?", "f7")
-        await driver.press("enter", *"nowhere", "enter")
-        await driver.until("there is no folder nowhere")
-        await driver.until("Where do the photographs of the chart come from?")
-
-    drive(StationApp(lab), use)
+def test_a_folder_that_is_not_there_is_named_and_asked_again(lab):
+    nowhere = ["enter", *"nowhere", "enter"], "there is no folder nowhere", WHERE
+    play(StationApp(lab), START, ["f7"], WHERE, *nowhere)
 
 
-def test_a_photograph_without_a_measurement_shows_the_reason(tmp_path, measured, monkeypatch):
+def test_a_photograph_without_a_measurement_shows_the_reason(lab, measured, monkeypatch):
     refused = Outcome(None, Verdict.REFUSED, "no chart in the photograph", "show all of it")
     monkeypatch.setattr(live, "measure_sharpness", lambda *_: refused)
-    lab = FakeLab(tmp_path, lambda run: chosen_step(run))
-
-    async def use(driver: Driver) -> None:
-        await driver.go("Where do the photographs of the chart come from?", "f7")
-        await driver.press("enter", ".", "enter")
-        await driver.until("Take a photograph.")
-        cv2.imwrite("1.png", np.zeros((4, 4), np.uint8))
-        await driver.until("This photograph cannot be measured: no chart in the photograph. What to do: ")
-
-    drive(StationApp(lab), use)
+    reason = "This photograph cannot be measured: no chart in the photograph. What to do: "
+    play(StationApp(lab), *FOLDER, lambda driver: cv2.imwrite("1.png", np.zeros((4, 4), np.uint8)), reason)
 
 
-def test_leaving_ends_it(tmp_path, measured):
-    lab, threads = FakeLab(tmp_path, lambda run: chosen_step(run)), threading.active_count()
-
-    async def use(driver: Driver) -> None:
-        await driver.go("Where do the photographs of the chart come from?", "f7")
-        await driver.press("enter", ".", "enter")
-        await driver.until("Take a photograph.")
-        await driver.press("ctrl+q")
-
-    app = StationApp(lab)
-    drive(app, use)
+def test_leaving_ends_it(lab, measured):
+    threads, app = threading.active_count(), StationApp(lab)
+    play(app, *FOLDER, ["ctrl+q"])
     app.finish(20.0)
     assert threading.active_count() <= threads + 1  # the watcher of devices may still be at its last look
 

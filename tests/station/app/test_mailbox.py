@@ -1,5 +1,3 @@
-"""The mailbox between a run and its operator, and jobs."""
-
 import threading
 from unittest.mock import Mock
 

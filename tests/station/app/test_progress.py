@@ -1,5 +1,3 @@
-"""Progress display of the guide during work and with a question."""
-
 import threading
 from dataclasses import replace
 
@@ -10,7 +8,7 @@ from station.app.widgets import ProgressLine, progress_in_words
 from station.drawing.glyphs import UNICODE
 from station.guide.frontend import FrameEvent, ProgressEvent, RunEnded
 
-from .driving import Driver, drive
+from .driving import BEGIN, Absent, Driver, play
 from .fakes import FakeLab, FakeRun, chosen_step, doing, plane
 
 WIDTH = Ask("width", "How wide is the chart?", "number", unit="mm", low=1e-5, high=2.0**53, default=300.0)
@@ -20,17 +18,8 @@ MOUNT = Ask("mount", "Mount the chart.")
 def test_finished_work_is_not_shown_with_a_question_but_a_note_is(tmp_path):
     note = replace(doing("the chart to print: chart.pdf"), lasts=True)
     lab = FakeLab(tmp_path, lambda run: chosen_step(run, ProgressEvent("going to the middle"), MOUNT, note, WIDTH))
-
-    async def use(driver: Driver) -> None:
-        await driver.begin()
-        await driver.until(MOUNT.question)
-        assert "going to the middle" not in driver.text
-        await driver.press("enter")
-        await driver.until("(0.00001 to")
-        assert "9007199254740992 mm)" in driver.words
-        assert "the chart to print: chart.pdf" in driver.text
-
-    drive(StationApp(lab), use)
+    asked = BEGIN, MOUNT.question, Absent("going to the middle"), ["enter"], "(0.00001 to"
+    play(StationApp(lab), *asked, "9007199254740992 mm)", "the chart to print: chart.pdf")
 
 
 def test_a_trial_that_says_nothing_leaves_the_box_saying_that_there_is_nothing_to_do(tmp_path):
@@ -41,14 +30,8 @@ def test_a_trial_that_says_nothing_leaves_the_box_saying_that_there_is_nothing_t
         go.wait(20)
         return chosen_step(run, MOUNT)
 
-    async def use(driver: Driver) -> None:
-        await driver.begin()
-        await driver.until("plane G1, 90 x 60 pixels")
-        assert AT_WORK in driver.words
-        go.set()
-        await driver.until(MOUNT.question)
-
-    drive(StationApp(FakeLab(tmp_path, script)), use)
+    lab = FakeLab(tmp_path, script)
+    play(StationApp(lab), BEGIN, "plane G1, 90 x 60 pixels", AT_WORK, go, MOUNT.question)
 
 
 def test_a_run_that_ends_while_its_screen_is_taken_down_is_no_fault(tmp_path):
@@ -59,15 +42,12 @@ def test_a_run_that_ends_while_its_screen_is_taken_down_is_no_fault(tmp_path):
         go.wait(20)
         return RunEnded("emergency")
 
-    async def use(driver: Driver) -> None:
-        await driver.begin()
-        await driver.until("exposing")
+    async def take_down(driver: Driver) -> None:
         await driver.app.screen.query(ProgressLine).remove()
-        go.set()
-        await driver.until(lambda: driver.app.running("run") is None)
-        await driver.pilot.pause()
 
-    drive(StationApp(FakeLab(tmp_path, script)), use)
+    app = StationApp(FakeLab(tmp_path, script))
+    ended = go, lambda driver: app.running("run") is None, lambda driver: driver.pilot.pause()
+    play(app, BEGIN, "exposing", take_down, *ended)
 
 
 def test_time_that_passed_is_not_shown_as_a_remaining_time():

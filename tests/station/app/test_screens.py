@@ -1,18 +1,17 @@
-"""The bench and the results, driven by keys."""
-
 import json
 import threading
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from drivers.errors import EmergencyStopped, OutsideTravel
+from drivers.interfaces import Condition
+from procedures import assess
 from procedures.outcome import Cause, Verdict
 from procedures.plan import Ask
-from procedures.psf import Psf
-from procedures.quality import assess
 from station.app.app import StationApp
 from station.app.screens.dialogs import Choose
 from station.app.screens.result_view import mtf_plot, plane_in_words, specified
@@ -29,8 +28,9 @@ from station.results.plane_result import PlaneResult
 from station.results.psf_files import write_psf_result
 from station.results.record_head import RecordHead
 from station.results.result_files import ResultFolder, write_record
+from tests.psfs import gaussian
 
-from .driving import PATIENCE_S, Driver, drive
+from .driving import BEGIN, PATIENCE_S, START, Absent, Act, play
 from .fakes import FakeLab, FakeRun, FakeStage, chosen_step
 
 
@@ -38,47 +38,22 @@ def nothing(run: FakeRun) -> RunEnded:
     return RunEnded("finished")
 
 
-def bench_app(folder: Path) -> tuple[FakeLab, StationApp]:
-    lab = FakeLab(folder, nothing)
-    return lab, StationApp(lab)
+@pytest.fixture
+def lab(tmp_path) -> FakeLab:
+    return FakeLab(tmp_path, nothing)
 
 
 @pytest.mark.parametrize("size", [(59, 24), (80, 14)])
-def test_a_small_window_says_so_and_returns_to_the_screen_when_it_is_larger(tmp_path, size):
-    _, app = bench_app(tmp_path)
-
-    async def use(driver: Driver) -> None:
-        await driver.until("too small")
-        assert "press Enter to begin" not in driver.text
-        await driver.pilot.resize_terminal(80, 24)
-        await driver.until("press Enter to begin")
-        assert "too small" not in driver.text
-
-    drive(app, use, size)
+def test_a_small_window_says_so_and_returns_to_the_screen_when_it_is_larger(lab, size):
+    small = "too small", Absent(START), lambda driver: driver.pilot.resize_terminal(80, 24)
+    play(StationApp(lab), *small, START, Absent("too small"), size=size)
 
 
-# --- bench -------------------------------------------------------------------------------------------------------
-
-
-def test_devices_are_shown_with_what_to_do(tmp_path):
-    lab, app = bench_app(tmp_path)
+def test_devices_are_shown_with_what_to_do(lab):
     lab.wire.record(1.5, ">", b"$H\n\x1b[31m")
-
-    async def use(driver: Driver) -> None:
-        await driver.go("not homed. home it", "f3")
-        await driver.until(r"> b'$H\n\x1b[31m'")
-        await driver.looks_like("bench-80")
-
-    drive(app, use)
-
-
-def test_the_first_screen_says_what_to_do_about_each_device(tmp_path):
-    _, app = bench_app(tmp_path)
-
-    async def use(driver: Driver) -> None:
-        await driver.until("stage: not homed: the guide homes it; or press F3, then H")
-
-    drive(app, use)
+    start = START, "stage: not homed: the guide homes it; or press F3, then H"
+    bench = ["f3"], "not homed. home it", r"> b'$H\n\x1b[31m'", lambda driver: driver.looks_like("bench-80")
+    play(StationApp(lab), *start, *bench, ["b"], "no device has the name light")
 
 
 def test_the_plan_that_is_offered_first_keeps_its_words_when_all_are_loaded():
@@ -86,38 +61,30 @@ def test_the_plan_that_is_offered_first_keeps_its_words_when_all_are_loaded():
 
 
 @pytest.mark.parametrize("key", ["h", "H"])
-def test_a_stage_is_homed_and_moved_by_hand(tmp_path, key):
-    lab, app = bench_app(tmp_path)
-
-    async def use(driver: Driver) -> None:
-        await driver.go("not homed. home it", "f3")
-        await driver.press(key)
-        await driver.until("way clear?")
-        assert not lab.stage.homed
-        await driver.press("enter")
-        await driver.until("is homed")
-        await driver.press("right_square_bracket", "right")
-        await driver.until("z_mm is at 10.000 mm")
-        await driver.press("left_square_bracket", "left")
-        await driver.until("z_mm is at 9.000 mm")
-
-    drive(app, use)
+def test_a_stage_is_homed_and_moved_by_hand(lab, key):
+    homed = START, ["f3"], "not homed. home it", [key], "way clear?", lambda driver: not lab.stage.homed, ["enter"]
+    moved = ["right_square_bracket", "right"], "z_mm is at 10.000 mm", ["left_square_bracket", "left"]
+    play(StationApp(lab), *homed, "is homed", *moved, "z_mm is at 9.000 mm")
     assert lab.stage.place == {"z_mm": 9.0}
 
 
-def test_an_emergency_stop_takes_a_question_back_that_would_begin_a_movement(tmp_path):
-    lab, app = bench_app(tmp_path)
-
-    async def use(driver: Driver) -> None:
-        await driver.go("not homed. home it", "f3")
-        await driver.press("h")
-        await driver.until("way clear?")
-        await driver.press("f12", "enter")
-        await driver.until(lambda: not isinstance(driver.app.screen, Choose))
-        await driver.press("enter")
-
-    drive(app, use)
+def test_an_emergency_stop_takes_a_question_back_that_would_begin_a_movement(lab):
+    asked = START, ["f3"], "not homed. home it", ["h"], "way clear?"
+    back = ["f12", "enter"], lambda driver: not isinstance(driver.app.screen, Choose), ["enter"]
+    play(StationApp(lab), *asked, *back)
     assert not lab.stage.homed
+
+
+def test_a_dark_lamp_asks_before_it_is_lit_and_stays_between_dark_and_full(lab):
+    levels = [0.0]
+    lab.bench.devices["light"] = SimpleNamespace(  # type: ignore[assignment]
+        address="", connect=lab.stage.connect, condition=lambda: Condition("on"), level=lambda: levels[-1],
+        set_level=levels.append, emergency_stop=lambda: None, close=lambda: None,
+    )  # fmt: skip
+    lab.bench.drivers["light"] = "fake"
+    begun = START, ["f3"], "not homed. home it", ["d"], "lamp is at 0 %", ["b"], "Do not look into it"
+    lit = ["enter"], "lamp is at 10 %", ["b"], "lamp is at 20 %", ["d"], lambda driver: levels[-1] == 0.1
+    play(StationApp(lab), *begun, lambda driver: levels == [0.0, 0.0], *lit)
 
 
 class MovesUntilStopped(FakeStage):
@@ -136,47 +103,16 @@ class MovesUntilStopped(FakeStage):
         self.stopped.set()
 
 
-def test_ctrl_c_stops_an_axis_that_moves(tmp_path):
-    lab, app = bench_app(tmp_path)
+def test_ctrl_c_stops_an_axis_that_moves(lab):
     lab.stage = lab.bench.devices["stage"] = MovesUntilStopped()
-
-    async def use(driver: Driver) -> None:
-        await driver.go(lambda: lab.bench.motions.under_way, "f3", "right")
-        await driver.press("ctrl+c")
-        await driver.until("EMERGENCY STOP")
-        await driver.until(lambda: not lab.bench.motions.under_way)
-
-    drive(app, use)
+    moves = START, ["f3", "right"], lambda driver: lab.bench.motions.under_way
+    play(StationApp(lab), *moves, ["ctrl+c"], "EMERGENCY STOP", lambda driver: not lab.bench.motions.under_way)
     assert lab.stage.stops == 1
 
 
-def test_a_device_that_refuses_is_a_sentence(tmp_path):
-    lab, app = bench_app(tmp_path)
+def test_a_device_that_refuses_is_a_sentence(lab):
     lab.stage.wrong = OutsideTravel("z_mm 501 lies beyond 0 to 500", "stay inside")
-
-    async def use(driver: Driver) -> None:
-        await driver.go("z_mm 501 lies beyond 0 to 500. stay inside.", "f3", "right")
-
-    drive(app, use)
-
-
-def test_a_lamp_that_is_not_there_is_a_sentence(tmp_path):
-    _, app = bench_app(tmp_path)
-
-    async def use(driver: Driver) -> None:
-        await driver.go("no device has the name light", "f3", "b")
-
-    drive(app, use)
-
-
-# --- results -----------------------------------------------------------------------------------------------------
-
-
-def gaussian(width_px: float, k: int = 17, s: int = 4) -> Psf:
-    x = (np.arange(k) - k // 2) / s
-    h = np.exp(-(x[:, None] ** 2 + x**2) / (2 * width_px**2))
-    h /= h.sum()
-    return Psf(h, s, np.eye(k * k) * 1e-8)
+    play(StationApp(lab), START, ["f3", "right"], "z_mm 501 lies beyond 0 to 500. stay inside.")
 
 
 def write_result(sessions: Path, name: str, width_px: float) -> Path:
@@ -191,25 +127,15 @@ def write_result(sessions: Path, name: str, width_px: float) -> Path:
 
 
 @pytest.mark.parametrize("size", [(80, 24), (120, 40)], ids=["80x24", "120x40"])
-def test_a_result_shows_verdict_numbers_picture_and_curve(tmp_path, size):
+def test_a_result_shows_verdict_numbers_picture_and_curve(lab, tmp_path, size):
     write_result(tmp_path, "2026-03-14-d90", 0.5)
-
-    async def use(driver: Driver) -> None:
-        await driver.go("Plane G1: ✓ trusted", "f4")
-        await driver.until("MTF50, rows")
-        await driver.until("cycles/pixel")
-        await driver.looks_like(f"results-{size[0]}")
-        await driver.press("p")
-        await driver.until("Plane R: ✗ refused")
-        await driver.until("too dark")
-        assert "light the chart" in driver.text
-        assert "- it is blurred; focus" in driver.text
-
-    drive(StationApp(FakeLab(tmp_path, nothing)), use, size)
+    good = ["f4"], "Plane G1: ✓ trusted", "MTF50, rows", "cycles/pixel"
+    bad = ["p"], "Plane R: ✗ refused", "too dark", "light the chart", "- it is blurred; focus"
+    play(StationApp(lab), START, *good, lambda driver: driver.looks_like(f"results-{size[0]}"), *bad, size=size)
 
 
 @pytest.mark.parametrize("refused", [False, True], ids=["restored", "refused"])
-def test_a_restoration_is_shown(tmp_path, refused):
+def test_a_restoration_is_shown(lab, tmp_path, refused):
     folder = tmp_path / "s" / "derived" / "1"
     record = {"schema": RESTORATION, "procedure": "restoration", "verdict": "refused" if refused else "doubtful"}
     with ResultFolder(folder) as result:
@@ -218,31 +144,15 @@ def test_a_restoration_is_shown(tmp_path, refused):
             result.write("sharp.png", encoded(".png", ramp))
             record["w"] = {"least": 1.5, "greatest": 7.25, "unit": "pixel"}
         write_record(result, {**record, "reason": "the light differs", "remedy": "expose alike"})
-
-    async def use(driver: Driver) -> None:
-        await driver.go("Restoration: ✗ refused" if refused else "Restoration: ? doubtful", "f4")
-        await driver.until("the light differs")
-        for words in ("w of the depth map: 1.5 to 7.25 pixel", "restored image"):
-            if refused:
-                assert words not in driver.text
-            else:
-                await driver.until(words)
-
-    drive(StationApp(FakeLab(tmp_path, nothing)), use)
+    shown = "w of the depth map: 1.5 to 7.25 pixel", "restored image"
+    verdict = "Restoration: ✗ refused" if refused else "Restoration: ? doubtful"
+    play(StationApp(lab), START, ["f4"], verdict, "the light differs", *(map(Absent, shown) if refused else shown))
 
 
-def test_two_results_are_compared(tmp_path):
+def test_two_results_are_compared(lab, tmp_path):
     write_result(tmp_path, "a", 0.5)
     write_result(tmp_path, "b", 0.6)
-
-    async def use(driver: Driver) -> None:
-        await driver.go("Plane G1", "f4")
-        await driver.press("c", "down")
-        await driver.until("differ by")
-        await driver.press("c")
-        await driver.until("Plane G1: ✓ trusted")
-
-    drive(StationApp(FakeLab(tmp_path, nothing)), use)
+    play(StationApp(lab), START, ["f4"], "Plane G1", ["c", "down"], "differ by", ["c"], "Plane G1: ✓ trusted")
 
 
 @pytest.mark.parametrize(
@@ -255,13 +165,9 @@ def test_two_results_are_compared(tmp_path):
     ],
     ids=["record", "plane's name", "psf", "table"],
 )
-def test_a_damaged_result_is_a_sentence(tmp_path, damage):
+def test_a_damaged_result_is_a_sentence(lab, tmp_path, damage):
     damage(write_result(tmp_path, "a", 0.5))
-
-    async def use(driver: Driver) -> None:
-        await driver.go("compute the result again", "f4")
-
-    drive(StationApp(FakeLab(tmp_path, nothing)), use)
+    play(StationApp(lab), START, ["f4"], "compute the result again")
 
 
 def in_record(change):
@@ -329,19 +235,11 @@ def test_a_verdict_is_shown_whole_with_what_to_do_and_with_what_the_lens_misses(
     accept = Ask("verdict", "Accept it?", "choice", default="accept", choices=("accept", "retake", "stop"))
     lab = FakeLab(tmp_path, lambda run: chosen_step(run, result, accept))
 
-    async def use(driver: Driver) -> None:
-        await driver.begin()
-        for words in (
-            "Lens: does not meet",
-            f"{reason}. Expose",
-            "the pictures anew.",
-            "must be 0.3 at",
-            "Other possible causes: it is blurred.",
-            accept.question,
-        ):
-            await driver.until(lambda words=words: words in without_edges(driver.text))
+    def shows(words: str) -> Act:
+        return lambda driver: words in without_edges(driver.text)
 
-    drive(StationApp(lab), use)
+    words = "Lens: does not meet", f"{reason}. Expose", "the pictures anew.", "must be 0.3 at"
+    play(StationApp(lab), BEGIN, *map(shows, (*words, "Other possible causes: it is blurred.", accept.question)))
 
 
 def without_edges(text: str) -> str:

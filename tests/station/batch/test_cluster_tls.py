@@ -1,5 +1,3 @@
-"""A cluster that speaks TLS: who has its authority's certificate works with it, nobody else gets in."""
-
 import pytest
 
 from procedures.outcome import BadParameter

@@ -1,12 +1,8 @@
-"""Batches of edges, of fields and of a series are the same work as that of their commands."""
-
 import json
 
 import cv2
 import jsonschema
-import numpy as np
 import pytest
-from scipy.special import ndtr
 
 from procedures import BadParameter, Refused, read_frame
 from procedures.field import measuring as field
@@ -17,15 +13,12 @@ from station.batch.run import run_batch
 from station.calibration.folder_photographs import by_folder, find_frames, singly
 from station.common.durable_files import WrittenFile
 from station.procedure.schema import procedure_named, schema_of
+from tests.station.manual.conftest import edge_of
 
 
 def edge_picture(path, mtf50):
-    """An edge at 5.5 degrees blurred by a Gaussian of this MTF50."""
-    y, x = np.mgrid[:80, :60]
-    d = (x - 29.5 - np.tan(np.radians(5.5)) * (y - 39.5)) * np.cos(np.radians(5.5))
-    sigma = np.sqrt(np.log(2) / 2) / (np.pi * mtf50)
     path.parent.mkdir(exist_ok=True)
-    cv2.imwrite(str(path), np.rint(65535 * (0.1 + 0.7 * ndtr(d / sigma))).astype(np.uint16))
+    cv2.imwrite(str(path), edge_of(mtf50))
 
 
 def rows_of(tmp_path, text, items_of=singly):

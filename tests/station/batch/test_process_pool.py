@@ -1,5 +1,3 @@
-"""Processes that die: the item is named, the rest is finished."""
-
 import os
 import re
 import signal

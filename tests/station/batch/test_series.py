@@ -1,5 +1,3 @@
-"""A series: photographs of one setting together, the best aperture and how sure it is, its table and page."""
-
 import csv
 import io
 

@@ -1,5 +1,3 @@
-"""Rows of a batch on the disk, and the summary as CSV and Parquet from them."""
-
 import csv
 import dataclasses
 

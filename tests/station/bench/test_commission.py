@@ -1,5 +1,3 @@
-"""Commissioning of a stage at the simulated bench: consent, reported settings, recommended changes, the table."""
-
 import tomllib
 
 import pytest

@@ -1,5 +1,3 @@
-"""The delay of a cable, from taps that two inertial units feel."""
-
 import pytest
 
 from drivers.errors import BadConfiguration
@@ -39,7 +37,11 @@ def tapped(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("unit", "delay_ms", "jitter_ms"),
-    [pytest.param("imu", 0.0, 0.0, marks=pytest.mark.nightly), ("fast_imu", 4.0, 2.0), ("imu", 40.0, 4.0)],
+    [
+        pytest.param("imu", 0.0, 0.0, marks=pytest.mark.nightly),
+        pytest.param("fast_imu", 4.0, 2.0, marks=pytest.mark.nightly),
+        ("imu", 40.0, 4.0),
+    ],
 )
 def test_a_tap_measures_the_delay_of_a_cable_to_milliseconds(tapped, unit, delay_ms, jitter_ms):
     found = tapped(delay_ms / 1000, jitter_ms / 1000, unit)

@@ -1,11 +1,7 @@
-"""A stage's driver of a package outside: one file of at most 180 lines is configured, listed, and proves itself."""
-
 import importlib
 import json
-import os
 import re
-import subprocess
-import sys
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -18,21 +14,10 @@ from simulators.devices.serial_device import Cable
 from simulators.world.clock import VirtualClock
 from station.bench import device_models
 from station.bench.conform import FAULTS, Broken, at_twin, soak
+from tests.program import run
 
 PACKAGE = Path(__file__).with_name("toy_package")
 ROOT = Path(__file__).resolve().parents[3]
-
-
-@pytest.fixture
-def station(tmp_path):
-    """station(*words): the program with the package on its path."""
-    environ = {**os.environ, "PYTHONPATH": f"{PACKAGE}{os.pathsep}{ROOT}"}
-
-    def run(*words: object) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, "-m", "station", *map(str, words)]
-        return subprocess.run(command, cwd=tmp_path, env=environ, capture_output=True, text=True, check=False)
-
-    return run
 
 
 @pytest.fixture
@@ -43,6 +28,13 @@ def driver(monkeypatch):
     device_models.drivers.cache_clear()
     yield importlib.import_module("toy_stage")
     device_models.drivers.cache_clear()
+
+
+@pytest.fixture
+def station(driver, tmp_path, monkeypatch):
+    """The program with the package on its path, in a fresh folder."""
+    monkeypatch.chdir(tmp_path)
+    return partial(run, code=None)
 
 
 def test_it_is_one_short_file_that_contributing_shows():
@@ -57,7 +49,7 @@ def test_it_is_one_short_file_that_contributing_shows():
 def test_it_is_configured_and_listed(station, tmp_path):
     (tmp_path / "station.toml").write_text('[devices.stage]\ndriver = "toy-stage"\nport = "/dev/nowhere"\n')
     done = station("devices", "--json")
-    assert done.returncode == 3
+    assert done.exit_code == 3
     (row,) = json.loads(done.stdout)
     assert (row["name"], row["driver"], row["address"]) == ("stage", "toy-stage", "/dev/nowhere")
     assert "cannot open /dev/nowhere" in row["wrong"]
@@ -68,7 +60,7 @@ def test_it_is_configured_and_listed(station, tmp_path):
 @pytest.mark.slow
 def test_it_conforms(station):
     done = station("conform", "toy-stage", "--json")
-    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.exit_code == 0, done.stdout + done.stderr
     trials = {one["trial"]: one for one in json.loads(done.stdout)["trials"]}
     assert set(FAULTS) - {"none"} < set(trials)
     assert trials["soak"]["figure"] == "500 operations"
@@ -77,7 +69,7 @@ def test_it_conforms(station):
 
 def test_an_unknown_driver_is_refused(station):
     done = station("conform", "toy-stages")
-    assert done.returncode == 2
+    assert done.exit_code == 2
     assert "toy-stages has no twin" in done.stderr
     assert "alpaca_stage" in done.stderr
     assert "toy-stage" in done.stderr

@@ -1,5 +1,3 @@
-"""Which photographs a batch finds, and what it makes of their names."""
-
 import os
 from pathlib import Path
 

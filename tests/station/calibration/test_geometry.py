@@ -102,9 +102,6 @@ def test_a_refusal_names_a_photograph_that_gave_none(shoot):
     assert "1 of 2 photographs gave none, dark.dng: the photograph is too dark" in few_outcome.reason
 
 
-# --- files of other programs, read back by them ---------------------------------------------------------------------
-
-
 def rays(camera: CameraModel) -> tuple[np.ndarray, np.ndarray]:
     pixels = camera.frame_grid(9, 7)[10:-10]
     return pixels, camera.rays(pixels)
@@ -269,9 +266,6 @@ def test_region_that_holds_no_pixel_is_refused(tmp_path):
     (tmp_path / "result.json").write_text(json.dumps({"procedure": "geometry", "planes": planes}))
     with pytest.raises(BadInput, match="cannot be read as a camera that can be written"):
         export_camera(read_camera(tmp_path), "opencv")
-
-
-# --- the commands ---------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture

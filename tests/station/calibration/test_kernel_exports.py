@@ -1,5 +1,3 @@
-"""Filters as other programs apply them, compared with the convolutions by SciPy."""
-
 import shutil
 import subprocess
 import sys

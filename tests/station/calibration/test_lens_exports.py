@@ -1,5 +1,3 @@
-"""Distortion, lateral colour and vignetting for lensfun and as a DNG's opcodes, undone as these would undo them."""
-
 import json
 import struct
 import xml.etree.ElementTree as ElementTree
@@ -52,9 +50,6 @@ def lateral(plane: str, stretch: float) -> LateralColour:
 
 
 COLOURS = {"R": lateral("R", 0.3), "B": lateral("B", -0.2)}
-
-
-# --- lensfun --------------------------------------------------------------------------------------------------------
 
 
 def test_the_entry_of_lensfun_has_what_its_schema_asks_for():
@@ -114,9 +109,6 @@ def test_a_lens_without_focal_length_requires_it():
         GivenNames("", None, None, None, None, None).completed(None, 900.0, with_light=False)
     names = GivenNames("", None, None, None, None, 5.0).completed(None, 900.0, with_light=False)
     assert names.focal_mm == pytest.approx(4.5)
-
-
-# --- DNG ------------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")

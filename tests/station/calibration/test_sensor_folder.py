@@ -1,5 +1,3 @@
-"""The manifest of a sensor's pictures in its formats, and invalid ones."""
-
 import os
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Validation of a sensor's record and noise spectrum."""
-
 import copy
 import json
 from types import SimpleNamespace

@@ -5,22 +5,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from procedures import Psf, assess
+from procedures import assess
 from procedures.outcome import Outcome, Quantity, Verdict
 from station.calibration import planes
-
-
-def gaussian_psf(s, k):
-    x = (np.arange(k) - k // 2) / s
-    h = np.exp(-(x[:, None] ** 2 + x**2))
-    return Psf(h / h.sum(), s, np.eye(k * k) * 1e-8)
+from tests.psfs import gaussian
 
 
 @lru_cache
 def found(s=None, k=None):
     """An estimate with an undetermined number."""
-    s, k = s or 4, k or 17
-    psf = gaussian_psf(s, k)
+    psf = gaussian(0.5**0.5, s or 4, k or 17)
     quality = assess(psf, n=9800)
     unknown = Quantity(float("nan"), "1", float("inf"), "of no light", 0)
     numbers = {**quality.numbers, "unknown": unknown}

@@ -1,5 +1,3 @@
-"""`station conform`: page and record, and what is missing."""
-
 import re
 
 import pytest

@@ -98,7 +98,7 @@ def done(files, tmp_path_factory):
     return correct(files[0] / "photo.dng", "--field", files[0] / "field.h5", *FEW, "--out", out, "--json"), out
 
 
-def test_a_raw_photograph_becomes_a_sharper_linear_dng_and_tiff(files, done):
+def test_a_raw_photograph_becomes_a_sharper_linear_dng_and_tiff_with_its_metadata(files, done):
     _, out = done
     assert {path.name for path in out.iterdir()} == {
         "corrected.dng", "corrected.tiff", "gain.csv", "report.html", "result.json",
@@ -110,6 +110,12 @@ def test_a_raw_photograph_becomes_a_sharper_linear_dng_and_tiff(files, done):
         assert raw.raw_type.name == "Stack"
         levels = raw.raw_image[..., :3].transpose(2, 0, 1).astype(float)
     np.testing.assert_allclose(np.clip((levels - 2048) / 60000, 0, 1), picture, atol=2 / 60000)  # both round
+    for name in ("corrected.tiff", "corrected.dng"):
+        tags = exifread.process_file(io.BytesIO((done[1] / name).read_bytes()))
+        copied = {key: str(tags[f"EXIF {key}"]) for key in ("FNumber", "FocalLength", "LensModel", "ExposureTime")}
+        assert copied == {"FNumber": "14/5", "FocalLength": "50", "LensModel": "Bench 50mm", "ExposureTime": "1/50"}
+        assert tags["Image Orientation"].values == [6]
+        assert str(tags["Image Make"]) == "Bench"
 
 
 def test_vignetting_stored_in_the_field_is_corrected(files, done, tmp_path):
@@ -127,15 +133,6 @@ def test_vignetting_stored_in_the_field_is_corrected(files, done, tmp_path):
     assert after[y, x, 0] == pytest.approx(min(before[y, x, 0] / light, 1), abs=2 / 65535 / light)
     earlier = json.loads((done[1] / "result.json").read_text())["predicted"]["noise_gain"]
     assert record["predicted"]["noise_gain"]["greatest"] > 1.2 * earlier["greatest"]
-
-
-def test_both_files_keep_the_cameras_metadata(done):
-    for name in ("corrected.tiff", "corrected.dng"):
-        tags = exifread.process_file(io.BytesIO((done[1] / name).read_bytes()))
-        copied = {key: str(tags[f"EXIF {key}"]) for key in ("FNumber", "FocalLength", "LensModel", "ExposureTime")}
-        assert copied == {"FNumber": "14/5", "FocalLength": "50", "LensModel": "Bench 50mm", "ExposureTime": "1/50"}
-        assert tags["Image Orientation"].values == [6]
-        assert str(tags["Image Make"]) == "Bench"
 
 
 def test_a_grey_photograph_whose_camera_is_not_known_is_doubtful(files, tmp_path):
@@ -157,13 +154,15 @@ def test_a_field_of_another_aperture_is_refused_and_leaves_nothing(files, tmp_pa
     assert not (tmp_path / "out").exists()
 
 
-def test_a_blurred_photograph_is_refused_as_processed(files, tmp_path):
-    grey_levels = cv2.imread(str(files[0] / "photo.tiff"), cv2.IMREAD_UNCHANGED)
-    noisy = grey_levels + np.random.default_rng(1).normal(0, 900, grey_levels.shape)
-    smooth = cv2.GaussianBlur(noisy, (0, 0), 0.8)
-    cv2.imwrite(str(tmp_path / "smooth.tiff"), smooth.clip(0, 65535).astype(np.uint16))
-    correct(tmp_path / "smooth.tiff", "--field", files[0] / "grey.h5", "--out", tmp_path / "out", code=5)
-    assert "was processed" in json.loads((tmp_path / "out" / "result.json").read_text())["reason"]
+def test_a_blurred_photograph_is_refused_as_processed_and_one_of_one_level_without_contrast(files, tmp_path):
+    levels = cv2.imread(str(files[0] / "photo.tiff"), cv2.IMREAD_UNCHANGED)
+    noisy = levels + np.random.default_rng(1).normal(0, 900, SHAPE)
+    smooth = cv2.GaussianBlur(noisy, (0, 0), 0.8).clip(0, 65535)
+    for picture, reason in ((np.full(SHAPE, 300), "has no contrast"), (smooth, "was processed")):
+        cv2.imwrite(str(tmp_path / "picture.tiff"), picture.astype(np.uint16))
+        words = "--field", files[0] / "grey.h5", "--out", tmp_path / "out"
+        assert reason in correct(tmp_path / "picture.tiff", *words, code=5).output
+    assert reason in json.loads((tmp_path / "out" / "result.json").read_text())["reason"]
 
 
 @pytest.mark.parametrize(
@@ -180,10 +179,14 @@ def test_a_field_of_another_setting_is_refused_by_name(change, words):
         check_exposure(CAMERA, replace(CAMERA, **change))
 
 
-def test_unknown_exposure_data_are_named():
+def test_unknown_exposure_data_are_named_and_a_field_names_its_camera(files):
     assert check_exposure(CAMERA, CAMERA) == []
     assert check_exposure(replace(CAMERA, lens=None), CAMERA) == ["lens"]
     assert check_exposure(CAMERA, None) == ["the field does not name its camera"]
+    assert read_camera(files[0] / "field.h5") == replace(Exposure(), **{
+        name: getattr(CAMERA, name) for name in ("camera", "lens", "f_number", "focal_length_mm", "subject_distance_mm")
+    })  # fmt: skip
+    assert read_camera(files[0] / "grey.h5") is None
 
 
 def test_a_typed_aperture_stands_for_a_lens_without_contacts_unless_the_far_tail_contradicts_it(files):
@@ -202,19 +205,6 @@ def test_a_typed_aperture_stands_for_a_lens_without_contacts_unless_the_far_tail
         left(8.0)
     with pytest.raises(Refused, match="aperture is f/5"):
         left(2.8, replace(of_field, f_number=5.6))
-
-
-def test_a_field_names_its_camera(files):
-    assert read_camera(files[0] / "field.h5") == replace(Exposure(), **{
-        name: getattr(CAMERA, name) for name in ("camera", "lens", "f_number", "focal_length_mm", "subject_distance_mm")
-    })  # fmt: skip
-    assert read_camera(files[0] / "grey.h5") is None
-
-
-def test_a_frame_of_one_level_is_refused(files, tmp_path):
-    cv2.imwrite(str(tmp_path / "cap.tiff"), np.full(SHAPE, 300, dtype=np.uint16))
-    done = correct(tmp_path / "cap.tiff", "--field", files[0] / "grey.h5", "--out", tmp_path / "out", code=5)
-    assert "has no contrast" in done.output
 
 
 def test_photographs_moved_by_parts_of_a_pixel_make_a_picture_of_twice_as_many(files, tmp_path):

@@ -37,20 +37,10 @@ def test_repeated_events_are_reported_once_in_a_step():
     reported = []
     reporter = EventReporter(lambda sentence, remedy: reported.append((sentence, remedy)))
     step = catalogue.plan_named("pattern").steps[0]
-    for event in (
-        ProgressEvent("exposing"),
-        ProgressEvent("exposing"),
-        StepBegan(step),
-        ProgressEvent("exposing"),
-        ProblemEvent("no", "plug it in"),
-    ):
+    again = ProgressEvent("exposing"), ("  exposing", "")
+    for event in (again[0], again[0], StepBegan(step), again[0], ProblemEvent("no", "plug it in")):
         reporter.notify(event)
-    assert reported == [
-        ("  exposing", ""),
-        (f"{step.title}: {step.instruction}", ""),
-        ("  exposing", ""),
-        ("no", "plug it in"),
-    ]
+    assert reported == [again[1], (f"{step.title}: {step.instruction}", ""), again[1], ("no", "plug it in")]
 
 
 def test_each_plane_is_one_line():

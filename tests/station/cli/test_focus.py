@@ -1,5 +1,3 @@
-"""`station focus`: where photographs may come from, and what is written of each."""
-
 import json
 import math
 
@@ -12,19 +10,16 @@ from tests.program import run
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "code", "words"),
     [
-        ((), "give one of them"),
-        (("--simulate", "--watch", "."), "give one of them"),
-        (("--simulate", "-k", "8"), "odd"),
+        ((), 2, "give one of them"),
+        (("--simulate", "--watch", "."), 2, "give one of them"),
+        (("--simulate", "-k", "8"), 2, "odd"),
+        (("--watch", "none"), 4, "there is no folder"),
     ],
 )
-def test_what_cannot_be_meant_is_refused(options, words):
-    run("focus", *options, code=2, says=words)
-
-
-def test_a_folder_that_is_not_there_is_refused(tmp_path):
-    run("focus", "--watch", tmp_path / "none", code=4, says="there is no folder")
+def test_what_cannot_be_meant_is_refused(options, code, words):
+    run("focus", *options, code=code, says=words)
 
 
 def test_a_photograph_that_cannot_be_measured_is_reported_with_its_reason(tmp_path):

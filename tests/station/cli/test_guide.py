@@ -1,5 +1,3 @@
-"""`station --plain` as a program: pipes, the end of input, Ctrl-C, exit codes."""
-
 import os
 import signal
 import subprocess

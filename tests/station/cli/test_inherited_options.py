@@ -1,5 +1,3 @@
-"""Options before a command: each command takes them, or says in a usage error that they do not apply to it."""
-
 import json
 import os
 import select
@@ -15,9 +13,9 @@ from station.cli.terminal.lazy import LazyGroup
 from tests.program import run
 
 from ..sessions.test_index import make
-from .test_numbers import commands
+from .test_help import CONTEXTS
 
-COMMANDS = {" ".join(words): command for words, command in commands(main)}
+COMMANDS = {path: one.command for path, one in CONTEXTS.items()}
 OPTIONS = {option.opts[-1]: option for option in main.params if option.expose_value}
 OPEN_A_BENCH = ["focus", "session resume", "devices", "serve"]
 OF_A_CHART = ["pattern", "psf pattern", "psf witnessed", "psf series", "psf field", "geometry", "tilt", "focus"]
@@ -91,6 +89,10 @@ def test_every_command_that_opens_a_bench_inherits_the_options_of_benches():
         if flag in OPTIONS and taken[flag].get(words) != option.name
     ]
     assert sorted(other) == sorted(HAVE_ANOTHER)
+    for words, flag in INSTEAD:
+        assert words in COMMANDS
+        assert flag in OPTIONS
+        assert words not in taken[flag]
 
 
 @pytest.mark.parametrize("flag", OPTIONS)
@@ -102,13 +104,6 @@ def test_the_help_names_the_commands_that_take_an_option(flag):
         named += [name] if taking == below else taking
     suffix = f"[also for: {', '.join(named)}]"
     assert OPTIONS[flag].help.endswith(suffix) if named else "also for" not in OPTIONS[flag].help
-
-
-def test_what_is_said_of_a_command_is_of_one_that_refuses_the_option():
-    for words, flag in INSTEAD:
-        assert words in COMMANDS
-        assert flag in OPTIONS
-        assert words not in taken_by(flag)
 
 
 def test_quiet_before_a_command_holds_for_it(tmp_path):
@@ -220,15 +215,14 @@ def test_the_real_bench_is_opened_without_simulate(wire):
     assert wire() != b""
 
 
-@pytest.mark.parametrize("words", [OPEN_A_BENCH[0], *OPEN_A_BENCH[2:], "session resume x", "psf pattern x --out out"])
-@pytest.mark.parametrize("after", [False, True])
-def test_a_config_that_does_not_exist_is_refused_and_no_other_read(wire, words, after):
-    named = ("--config", "missing.toml")
-    words = (*words.split(), *named) if after else (*named, *words.split())
-    run(*words, code=2, says="there is no missing.toml")
+MISSING = "--config missing.toml"
+COMMAND = OPEN_A_BENCH[0], *OPEN_A_BENCH[2:], "session resume x", "psf pattern x --out out"
+GUIDE = "", "--plain", "--plain --simulate --unit lp/mm"
+
+
+@pytest.mark.parametrize(
+    "words", [*(f"{one} {MISSING}" for one in COMMAND), *(f"{MISSING} {one}" for one in (*COMMAND, *GUIDE))]
+)
+def test_a_config_that_does_not_exist_is_refused_and_no_other_read(wire, words):
+    run(*words.split(), code=2, says="there is no missing.toml")
     assert wire() == b""
-
-
-@pytest.mark.parametrize("words", [(), ("--plain",), ("--plain", "--simulate", "--unit", "lp/mm")])
-def test_the_guide_too_refuses_a_config_that_does_not_exist(wire, words):
-    run("--config", "missing.toml", *words, code=2, says="there is no missing.toml")

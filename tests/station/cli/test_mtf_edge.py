@@ -1,27 +1,18 @@
-"""`station mtf edge`: its files, its record, and its exit codes."""
-
 import csv
 import json
 
 import cv2
-import numpy as np
 import pytest
 
 from tests.program import run
+from tests.station.manual.conftest import edge_of
 
 
 @pytest.fixture
 def picture(tmp_path):
-    """An edge at 5.5 degrees, blurred by a Gaussian of MTF50 0.25, as a 16 bit PNG."""
-    y, x = np.mgrid[:80, :60]
-    slope = np.tan(np.radians(5.5))
-    d = (x - 29.5 - slope * (y - 39.5)) * np.cos(np.radians(5.5))
-    from scipy.special import ndtr
-
-    sigma = np.sqrt(np.log(2) / 2) / (np.pi * 0.25)
-    path = tmp_path / "edge.png"
-    cv2.imwrite(str(path), np.rint(65535 * (0.1 + 0.7 * ndtr(d / sigma))).astype(np.uint16))
-    return path
+    """An edge of MTF50 0.25 as a 16 bit PNG."""
+    cv2.imwrite(str(tmp_path / "edge.png"), edge_of(0.25))
+    return tmp_path / "edge.png"
 
 
 @pytest.mark.slow

@@ -6,9 +6,8 @@ import html5lib
 import numpy as np
 import pytest
 
-from procedures import read_camera_numbers
+from procedures import read_camera_numbers, read_field
 from procedures.field import conclusion
-from procedures.field.field_file import read_field
 from procedures.field.maps import derive
 from procedures.pattern import CELLS, Chart
 from simulators.camera.camera import SimulatedCamera

@@ -44,12 +44,6 @@ def test_record_follows_the_schema(estimator, photograph, bits, tmp_path):
     assert record["input"] == [{"path": str(photograph), "sha256": sha256}]
     assert record["parameters"].items() >= {"s": 4, "k": 17, "solver": "nnls"}.items()
     assert hashlib.sha256(bits.read_bytes()).hexdigest() in record["parameters"]["chart"]
-    plane = record["planes"]["Y"]
-    assert (plane["verdict"], plane["reason"], plane["remedy"]) == ("pass", "", "")
-    assert (plane["gamma"], plane["s_over_t"], plane["residual_std"]) == (0.5, 1.58, 1.02)
-    assert (plane["s"], plane["k"]) == (4, 17)
-    assert plane["mtf50_horizontal"].keys() == {"value", "unit", "uncertainty", "method", "n", "budget"}
-    assert plane["energy_outside_support"]["value"] == 0
     assert "numpy" in record["software"]["packages"]
     assert record["duration_s"] >= 0
 
@@ -141,9 +135,6 @@ def test_older_result_stays_whole_when_the_new_photograph_cannot_be_read(estimat
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     run("psf", "pattern", tmp_path / "absent.pgm", "--out", tmp_path, code=4)
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
-
-
-# --- what ends with another exit code ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -14,30 +14,17 @@ def near(shared_data):
 
 
 @pytest.fixture
-def far(shared_data):
-    return shared_data / "synthetic" / "two_photo" / "wall_a_far.pgm"
+def far(near):
+    return near.with_name("wall_a_far.pgm")
 
 
-def test_files_and_record_follow_the_contract(near, far, tmp_path):
+def test_the_pair_is_measured_in_either_order(near, far, tmp_path):
     run("psf", "two-photo", far, near, "--out", tmp_path)
-    kinds = ("covariance_Y.npy", "inter_image_Y.npy", "mtf_Y.csv", "psf_Y.npy", "psf_Y.png", "result.json")
-    more = ("budget.csv", "numbers.csv", "profile_Y.csv", "psf_Y.fits", "psf_Y.tiff")
-    assert {path.name for path in tmp_path.iterdir()} == {*kinds, *more}
-    h, kernel = (np.load(tmp_path / f"{name}_Y.npy", allow_pickle=False) for name in ("psf", "inter_image"))
     record = json.loads((tmp_path / "result.json").read_text())
-    s, k = (record["parameters"][name] for name in ("s", "k"))
-    assert (h.dtype, h.shape, kernel.shape) == (np.float64, (k, k), (k, k))
-    chosen = record["choice"]["Y"][-1]
-    assert (chosen["s"], chosen["k"]) == (s, k)
-    assert h.sum() == pytest.approx(1)
-    assert kernel.sum() == pytest.approx(1)
-    assert (record["schema"], record["procedure"]) == ("station/psf/1", "two-photo")
     assert [one["path"] for one in record["input"]] == [str(far), str(near)]
-    assert record["parameters"]["solver"] == "ls"
-    plane = record["planes"]["Y"]
-    assert plane["verdict"] == "pass"
-    assert plane["scale"] == pytest.approx([4.9, 4.9], rel=1e-3)
-    assert plane["mtf50_horizontal"]["unit"] == "cycles/pixel"
+    assert record["choice"]["Y"][-1].items() >= {name: record["parameters"][name] for name in ("s", "k")}.items()
+    assert record["planes"]["Y"]["verdict"] == "pass"
+    assert record["planes"]["Y"]["scale"] == pytest.approx([4.9, 4.9], rel=1e-3)
 
 
 def test_a_refusal_keeps_no_psf_and_names_the_remedy(near, tmp_path):

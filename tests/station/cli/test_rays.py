@@ -7,11 +7,6 @@ from tests.program import run
 
 
 @pytest.fixture
-def cornell(shared_data):
-    return shared_data / "rays" / "cornell_00064_f16.npz"
-
-
-@pytest.fixture
 def small(rng, tmp_path):
     """A film's file made of raw samples: a grey wall beside a white one."""
     level = np.where(np.arange(26) < 13, 0.3, 1.2)[None, :, None, None]
@@ -25,7 +20,8 @@ def record_of(folder):
 
 
 @pytest.mark.slow
-def test_a_render_is_filtered_and_measured(cornell, shared_data, tmp_path):
+def test_a_render_is_filtered_and_measured(shared_data, tmp_path):
+    cornell = shared_data / "rays" / "cornell_00064_f16.npz"
     run("rays", cornell, "--reference", shared_data / "rays" / "cornell_reference.npz", "--out", tmp_path)
     names = ["filtered.png", "filtered.tiff", "rays.html", "result.json", "similar.npy"]
     assert sorted(path.name for path in tmp_path.iterdir()) == names
@@ -100,13 +96,6 @@ def test_a_budget_is_allotted_to_the_pixels(small, tmp_path):
     assert more.sum() == record_of(tmp_path / "out")["more_samples"]["all"] == 5000
     # the bright wall's light varies as its square: a standard deviation four times as large (0.3 and 1.2)
     assert more[:, 15:].mean() > 2 * more[:, :11].mean()
-
-
-def test_neighbours_lend_samples(small, tmp_path):
-    run("rays", small, "--out", tmp_path / "one", "--scales", "1")
-    run("rays", small, "--neighbour", small, "--out", tmp_path / "two", "--scales", "1")
-    one, two = (np.load(tmp_path / name / "similar.npy") for name in ("one", "two"))
-    assert (two > one).all()
 
 
 @pytest.fixture

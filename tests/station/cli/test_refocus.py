@@ -1,5 +1,3 @@
-"""`station refocus`: a restoration's picture with another aperture and focus, and what it cannot work on."""
-
 import json
 import re
 import shutil
@@ -12,9 +10,8 @@ import cv2
 import numpy as np
 import pytest
 
-from procedures.field.field_file import write_field
+from procedures import CameraSetting, write_field
 from procedures.restoration.masks.blur_models import pillbox, polygon
-from procedures.restoration.masks.thin_lens import CameraSetting
 from procedures.restoration.refocus import _mean_of_views
 from tests.procedures.correction.small_lens import SmallLens
 from tests.program import run

@@ -22,19 +22,19 @@ def test_an_unknown_name_lists_the_rows(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+def row_above(order=None):
+    claim = ClaimCheck("a number", "1", 0.9, 1.1)
+    return Row("off", "some", "Thesis", "Off", (claim,), "None.", lambda _: RowValues((2.0,)), order)
+
+
 def test_a_row_that_is_not_reproduced_returns_one(tmp_path, monkeypatch):
-    off = Row(
-        "off", "some", "Thesis", "Off", (ClaimCheck("a number", "1", 0.9, 1.1),), "None.", lambda _: RowValues((2.0,))
-    )
-    monkeypatch.setattr(catalogue, "ROWS", (off,))
+    monkeypatch.setattr(catalogue, "ROWS", (row_above(),))
     done = run("reproduce", "--out", tmp_path, code=1)
     assert "a number: 1; ours 2.000, 0.9 above" in " ".join(done.stdout.split())
 
 
 def test_a_strict_command_returns_one_for_the_same_direction_alone(tmp_path, monkeypatch):
-    claim, order = ClaimCheck("a number", "1", 0.9, 1.1), Order("It is above 1.", lambda values: values[0] > 1)
-    row = Row("near", "some", "Thesis", "Near", (claim,), "None.", lambda _: RowValues((2.0,)), order)
-    monkeypatch.setattr(catalogue, "ROWS", (row,))
+    monkeypatch.setattr(catalogue, "ROWS", (row_above(Order("It is above 1.", lambda values: values[0] > 1)),))
     run("reproduce", "--out", tmp_path, code=0, says="same direction")
     run("reproduce", "--out", tmp_path, "--strict", code=1)
 

@@ -1,14 +1,12 @@
-"""`station restore` from files to files, on a corner of the shared photographs."""
-
 import json
-from functools import partial
+from functools import partial, partialmethod
 
 import cv2
 import numpy as np
 import pytest
 
 from procedures.restoration.joint.schedule import Scheme
-from procedures.restoration.unknown_motion import path_refinement
+from procedures.restoration.unknown_motion.path_refinement import PathEffort
 from tests.program import run
 
 pytestmark = pytest.mark.slow
@@ -59,8 +57,8 @@ def test_one_photograph_is_a_usage_error(photographs, tmp_path):
 
 def test_unknown_motion_comes_from_a_flat_part(photographs, tmp_path, monkeypatch):
     # the accuracy of the paths is tested with the procedure
-    few = path_refinement.PathEffort(3, descending=1, bends=0, restored=1, more=0, scheme=Scheme(1, 2, 2, 1, 2))
-    monkeypatch.setattr(path_refinement, "PathEffort", lambda: few)
+    few = {"beginnings": 3, "descending": 1, "bends": 0, "restored": 1, "more": 0, "scheme": Scheme(1, 2, 2, 1, 2)}
+    monkeypatch.setattr(PathEffort, "__init__", partialmethod(PathEffort.__init__, **few))
     # the upper left corner of this crop is at one depth to half a pixel
     arguments = ["--blur", "motion", "--prototype-region", "0,0,60,96", "--scheme", "1x(2+2)", "--max-w", "3"]
     restore(*photographs[0], *arguments, "--depth-total-variation", "--out", tmp_path / "o")

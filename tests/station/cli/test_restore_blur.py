@@ -1,5 +1,3 @@
-"""`station restore` with the blur given by an IMU's records, by a measured PSF, and by a field of them."""
-
 import json
 from dataclasses import replace
 from functools import partial
@@ -107,25 +105,6 @@ def test_an_invalid_record_exits_4(shaken, tmp_path, text, complaint):
     done = restore(folder / "1.dng", folder / "2.dng", "--blur", "motion", *records, "--out", tmp_path / "o", code=4)
     assert complaint in done.output
     assert not (tmp_path / "o").exists()
-
-
-@pytest.mark.parametrize(
-    ("change", "complaint"),
-    [
-        (["--focal-px", "500"], "go with --imu"),
-        (["--imu", "a.csv", "b.csv"], "--focal-px and --max-inverse-depth"),
-        (["--imu", "a.csv", "--focal-px", "500", "--max-inverse-depth", "1"], "one record for each"),
-        (["--imu", "a.csv", "b.csv", "--shape", "c.txt"], "without --shape"),
-    ],
-)
-def test_inconsistent_options_exit_2(shaken, tmp_path, change, complaint):
-    folder, *_ = shaken
-    restore(
-        folder / "1.dng", folder / "2.dng", "--blur", "motion", *change, "--out", tmp_path / "o", code=2, says=complaint
-    )
-
-
-# --- measured PSFs -----------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")

@@ -1,5 +1,3 @@
-"""`station restore` writes the kernels of a flat scene's motions, and accepts them as input."""
-
 import json
 
 import cv2
@@ -78,14 +76,10 @@ def test_their_doubt_is_inherited(result, tmp_path):
     assert read_kernels([result[1] / "kernel_1.npy"])[1] is None
 
 
-def test_kernels_are_one_for_each_photograph(photographs, tmp_path):
-    done = again(photographs, tmp_path / "o", photographs / "kernel0.txt", code=None)
-    assert done.exit_code != 0
-    assert "one kernel for each of 2 images" in done.output
-
-
-def test_kernels_finer_than_pixels_are_refused(photographs, tmp_path):
+def test_kernels_are_one_for_each_photograph_and_no_finer_than_pixels(photographs, tmp_path):
     np.savetxt(tmp_path / "fine.txt", np.ones((41, 41)))
-    done = again(photographs, tmp_path / "o", tmp_path / "fine.txt", tmp_path / "fine.txt", code=None)
-    assert done.exit_code != 0
-    assert "less than 40 pixels each way; got 41 x 41, 41 x 41" in done.output
+    for kernels, says in (
+        ([photographs / "kernel0.txt"], "one kernel for each of 2 images"),
+        ([tmp_path / "fine.txt"] * 2, "less than 40 pixels each way; got 41 x 41, 41 x 41"),
+    ):
+        assert again(photographs, tmp_path / "o", *kernels, code=None, says=says).exit_code != 0

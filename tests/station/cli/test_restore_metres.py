@@ -1,5 +1,3 @@
-"""`station restore --metres`: required camera data, and the distances."""
-
 import json
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""`station restore --reference`: a result compared with a sharp photograph, from files to files."""
-
 import json
 import shutil
 

@@ -1,5 +1,3 @@
-"""`station restore` with another focus, additional defocus, a symmetric lens, and given camera poses."""
-
 import json
 
 import cv2
@@ -172,6 +170,13 @@ def test_uniform_motion_is_symmetric_along_its_axis(tmp_path):
         (["--blur", "motion", "--poses", "a.csv", "b.csv"], "--poses needs --focal-px"),
         (["--blur", "motion", "--poses", "a.csv", "b.csv", "--imu", "a.csv", "b.csv"], "not both"),
         (["--blur", "defocus", "--shape", "pillbox", "--exposure-s", "1"], "--exposure-s goes with --imu"),
+        (["--blur", "motion", "--focal-px", "500"], "go with --imu"),
+        (["--blur", "motion", "--imu", "a.csv", "b.csv"], "--focal-px and --max-inverse-depth"),
+        (
+            ["--blur", "motion", "--imu", "a.csv", "--focal-px", "500", "--max-inverse-depth", "1"],
+            "one record for each",
+        ),
+        (["--blur", "motion", "--imu", "a.csv", "b.csv", "--shape", "c.txt"], "without --shape"),
     ],
 )
 def test_inconsistent_options_exit_2(tmp_path, options, complaint):

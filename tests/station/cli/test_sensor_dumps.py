@@ -1,35 +1,24 @@
-"""`--raw`: every command that reads photographs takes a sensor's dump, as it takes the same picture in a file."""
-
 import json
 
-import numpy as np
 import pytest
-from scipy.special import ndtr
 
 from tests.program import run
+from tests.station.manual.conftest import edge_levels
 
 LAYOUT = "60x80,Y,u16be,0,65535"
 
 
 @pytest.fixture
-def levels():
-    """An edge at 5.5 degrees, blurred by a Gaussian, as digital numbers of 16 bits."""
-    y, x = np.mgrid[:80, :60]
-    d = (x - 29.5 - np.tan(np.radians(5.5)) * (y - 39.5)) * np.cos(np.radians(5.5))
-    return np.rint(65535 * (0.1 + 0.7 * ndtr(d / 0.7))).astype(">u2")
-
-
-@pytest.fixture
-def dump(tmp_path, levels):
+def dump(tmp_path):
     path = tmp_path / "edge.raw"
-    path.write_bytes(levels.tobytes())
+    path.write_bytes(edge_levels().astype(">u2").tobytes())
     return path
 
 
 @pytest.mark.slow
-def test_edge_of_a_dump_is_that_of_the_same_picture_in_a_file(levels, dump, tmp_path):
+def test_edge_of_a_dump_is_that_of_the_same_picture_in_a_file(dump, tmp_path):
     picture = tmp_path / "edge.pgm"
-    picture.write_bytes(b"P5 60 80 65535\n" + levels.tobytes())
+    picture.write_bytes(b"P5 60 80 65535\n" + dump.read_bytes())
     records = []
     for name, words in (("file", (picture,)), ("dump", (dump, "--raw", LAYOUT))):
         run("mtf", "edge", *words, "--out", tmp_path / name)

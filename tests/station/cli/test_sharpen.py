@@ -1,5 +1,3 @@
-"""`station sharpen`: which procedure it chooses, that it says why, and that every decision can be overridden."""
-
 import json
 
 import cv2

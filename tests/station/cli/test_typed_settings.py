@@ -1,5 +1,3 @@
-"""`--trust-typed`: typed settings against the camera's metadata, in every command with the option."""
-
 import json
 
 import pytest
@@ -26,13 +24,10 @@ def test_f_number_that_contradicts_the_file_is_refused_with_both(estimator, phot
     assert estimator.asked == []
 
 
-def test_insisting_takes_what_was_typed_and_is_in_the_record(estimator, photograph, tmp_path):
+def test_insisting_takes_what_was_typed_and_is_in_the_record_where_it_contradicts(estimator, photograph, tmp_path):
     words = ("--f-number", 5.6, "--pixel-pitch-um", 5, "--trust-typed", "--out", tmp_path / "out")
     run("psf", "pattern", photograph, *words)
     given = json.loads((tmp_path / "out" / "result.json").read_text())["parameters"]
     assert (given["f_number"], given["trust_typed"]) == (5.6, True)
-
-
-def test_f_number_of_the_metadata_is_used(estimator, photograph, tmp_path):
     run("psf", "pattern", photograph, "--f-number", 2.83, "--pixel-pitch-um", 5, "--out", tmp_path / "out")
     assert "trust_typed" not in json.loads((tmp_path / "out" / "result.json").read_text())["parameters"]

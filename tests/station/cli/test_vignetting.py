@@ -1,5 +1,3 @@
-"""`station vignetting`: flats that cannot be read."""
-
 import json
 
 import cv2

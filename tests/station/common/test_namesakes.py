@@ -1,5 +1,3 @@
-"""A foreign package of the same name is named at the start, with the way out."""
-
 import os
 import subprocess
 import sys

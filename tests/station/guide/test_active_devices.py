@@ -1,5 +1,3 @@
-"""What the devices of a run report of themselves."""
-
 from station.guide.active_devices import ActiveDevices
 
 

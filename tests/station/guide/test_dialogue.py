@@ -1,5 +1,3 @@
-"""Answers of the operator compared with the camera's metadata."""
-
 from types import SimpleNamespace
 
 import pytest

@@ -1,5 +1,3 @@
-"""Readings of probes in the session, the record and the report; drift over a session."""
-
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -93,9 +91,6 @@ def test_a_probe_is_read_at_every_photograph(tmp_path):
 
 def test_without_a_probe_a_record_has_no_environment():
     assert environment_of([{"axes": {"z_mm": 1.0}}]) is None
-
-
-# --- drift -----------------------------------------------------------------------------------------------------------
 
 
 def combined(frames):

@@ -1,5 +1,3 @@
-"""The general plan: the settings of a procedure as questions, and the photographs that it requires."""
-
 from pathlib import Path
 from typing import Annotated, Literal
 

@@ -1,5 +1,3 @@
-"""Sources of photographs for live focus, and its results."""
-
 import itertools
 
 import cv2

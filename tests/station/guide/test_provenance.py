@@ -1,5 +1,3 @@
-"""Provenance of input numbers, and the evidence compared with them."""
-
 from pathlib import Path
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""A run carries out its plan, stores everything, and turns every error into a message and a question."""
-
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -162,9 +160,6 @@ def test_after_some_looks_the_operator_decides(bench, session):
     assert sum(shot.purpose == "trial" for shot in session.state.shots) == 4
 
 
-# --- stopping ----------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.slow
 def test_asking_to_stop_ends_after_this_exposure_and_the_session_goes_on_later(bench, session, tmp_path):
     def listen(event):
@@ -254,9 +249,6 @@ def test_an_operator_who_stops_at_a_question_stops_the_run(bench, session):
     assert Run(benches.short_plan(), bench, session, operator).go().how == "stopped"
 
 
-# --- problems ----------------------------------------------------------------------------------------------------
-
-
 @contextmanager
 def finished_run(folder, fault):
     """A finished run with a fault: bench, session and operator."""
@@ -297,9 +289,6 @@ def test_the_run_continues_without_a_silent_imu(bench, session):
     operator = ScriptedOperator()
     assert Run(benches.short_plan(), bench, session, operator).go().how == "finished"
     assert [trouble.reason for trouble in events(operator, ProblemEvent)] == ["no samples"]
-
-
-# --- without a bench ---------------------------------------------------------------------------------------------
 
 
 def test_without_a_bench_photographs_come_from_a_folder(tmp_path, bench):

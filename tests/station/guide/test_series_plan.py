@@ -1,23 +1,13 @@
-"""The guided series over aperture and focus: the advice at each setting, and which setting is the best."""
-
 from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 
-from procedures.outcome import BadParameter
+from procedures import BadParameter, read_frame
 from procedures.plan import Tour
-from procedures.raw import read_frame
 from station.calibration.series import best_focuses, points_of
 from station.guide.plans import series
 from tests.station.sessions.short_plan import photographs
-
-
-@pytest.fixture
-def frame(tmp_path):
-    path = tmp_path / "1.dng"
-    path.write_bytes(photographs()["look"])
-    return read_frame(path)
 
 
 def stops(plan, facts):
@@ -26,7 +16,10 @@ def stops(plan, facts):
     return tour.stops(facts)
 
 
-def test_each_aperture_is_set_with_its_exposure_time_and_checked_in_the_file(frame):
+def test_each_aperture_is_set_with_its_exposure_time_and_checked_in_the_file(tmp_path):
+    path = tmp_path / "1.dng"
+    path.write_bytes(photographs()["look"])
+    frame = read_frame(path)
     facts = {"apertures": "4, 8", "f_number": 4.0}
     wide, narrow = stops(series.aperture_plan(), facts)
     assert wide.go.say(facts) == ""

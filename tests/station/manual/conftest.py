@@ -31,11 +31,16 @@ mtf50_horizontal = { min = 0.2 }
 """
 
 
-def edge_levels():
+def edge_levels(sigma_px=0.7):
     """An edge at 5.5 degrees, blurred by a Gaussian, as digital numbers of 16 bits."""
     y, x = np.mgrid[:80, :60]
     d = (x - 29.5 - np.tan(np.radians(5.5)) * (y - 39.5)) * np.cos(np.radians(5.5))
-    return np.rint(65535 * (0.1 + 0.7 * ndtr(d / 0.7))).astype(np.uint16)
+    return np.rint(65535 * (0.1 + 0.7 * ndtr(d / sigma_px))).astype(np.uint16)
+
+
+def edge_of(mtf50):
+    """Such an edge whose blur has this MTF50, in cycles per pixel."""
+    return edge_levels(np.sqrt(np.log(2) / 2) / (np.pi * mtf50))
 
 
 def six_charts():

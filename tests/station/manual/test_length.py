@@ -1,5 +1,3 @@
-"""Documents stay short: table cells, README and changelog."""
-
 import re
 from pathlib import Path
 

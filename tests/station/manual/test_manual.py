@@ -1,5 +1,3 @@
-"""The manual: links lead somewhere, nothing in its reference is forgotten, it reads in terminal and browser."""
-
 import inspect
 import re
 from dataclasses import fields
@@ -39,9 +37,6 @@ def text_of(name):
     return find_page(PAGES, name).text
 
 
-# --- pages ---------------------------------------------------------------------------------------------------------
-
-
 def test_every_page_has_a_title_and_a_name_of_its_own():
     names = [page.name for page in PAGES]
     assert len(set(names)) == len(names)
@@ -65,9 +60,6 @@ def test_unknown_topics_name_the_nearest_and_links_their_command():
     with pytest.raises(BadParameter, match=r"no page 'senors'.*sensor.*search"):
         find_page(PAGES, "senors")
     assert for_terminal("See [Numbers](../reference/numbers.md#of-a-psf).") == "See Numbers (`station manual numbers`)."
-
-
-# --- reference -----------------------------------------------------------------------------------------------------
 
 
 def commands(command, path=("station",)):
@@ -102,9 +94,6 @@ def test_station_toml_has_every_driver_with_its_options(driver):
     assert options
     lens = [one.name for one in fields(OpticsMetadata)] if "lens data" in row[0] else []
     assert all(f"`{name}`" in row[0] or name in lens for name in options)
-
-
-# --- terminal and browser ------------------------------------------------------------------------------------------
 
 
 def test_the_command_lists_shows_and_searches_pages():

@@ -1,5 +1,3 @@
-"""A batch's page: counts of both verdicts, distributions by camera, every item with its link."""
-
 import html5lib
 import pytest
 

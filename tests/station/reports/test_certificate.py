@@ -1,5 +1,3 @@
-"""The certificate: one page with both verdicts and every uncertainty expanded, as HTML and as PDF."""
-
 import base64
 import re
 
@@ -8,7 +6,7 @@ import html5lib
 import numpy as np
 import pytest
 
-from procedures import BadParameter, Diffraction, Psf, Verdict, assess
+from procedures import BadParameter, Diffraction, Verdict, assess
 from station.reports.certificate import CODE, certificate_page, number_table, record_digest
 from station.reports.certificate_details import CertificateDetails
 from station.reports.certificate_print import certificate_files, certificate_pdf
@@ -17,12 +15,11 @@ from station.results.limits import Limit, Specification
 from station.results.plane_result import PlaneResult
 from station.results.terms import Terms
 from station.results.units import Pixels
+from tests.psfs import gaussian
 
 
 def report_of(*names, limits=1, shots=1, reason=""):
-    x = (np.arange(17) - 8) / 4
-    h = np.exp(-(x[:, None] ** 2 + x**2) / 0.5)
-    psf = Psf(h / h.sum(), 4, np.eye(289) * 1e-7)
+    psf = gaussian(0.5, sd=3e-4)
     quality = assess(psf, n=9, diffraction=Diffraction(5.6, 8.0, 530), at=(0.25,))
     held = Specification((Limit("mtf50", least=0.9),) * limits, "a very sharp lens")
     verdict = Verdict.DOUBTFUL if reason else Verdict.PASS

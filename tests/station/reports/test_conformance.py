@@ -1,5 +1,3 @@
-"""The record of a driver's trials: its digest, its signature, its page."""
-
 import json
 import re
 

@@ -1,5 +1,3 @@
-"""A calibration's page: what it says, that it stands alone, and how a browser shows it."""
-
 import re
 from dataclasses import replace
 from types import SimpleNamespace
@@ -130,9 +128,6 @@ def test_the_bench_its_shots_and_undetermined_frequencies_are_marked(report):
     rising = np.linspace(0, 0.3, len(quality.frequencies))
     unclear = replace(quality, curve_budgets={**quality.curve_budgets, "horizontal": {"noise": rising}})
     assert "not determined" in str(mtf_figure(unclear, None, "unclear"))
-
-
-# --- in a browser ------------------------------------------------------------------------------------------------
 
 
 def test_edges_and_physics_stand_beside_the_numbers(report):

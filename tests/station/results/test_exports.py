@@ -1,5 +1,3 @@
-"""What other programs read: FITS by its standard, TIFF, the radial profile and the numbers."""
-
 import csv
 import io
 import math
@@ -14,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from procedures.outcome import Quantity
-from procedures.psf import Psf, PsfTail
+from procedures.psf import PsfTail
 from procedures.reading.exposure import Exposure
 from station.results.exports import (
     gaussian_radius,
@@ -25,12 +23,7 @@ from station.results.exports import (
     psf_tiff,
     table_of_one_cube,
 )
-
-
-def gaussian(sigma_px, s=4, k=33, sd=1e-4):
-    x = (np.arange(k) - k // 2) / s
-    h = np.exp(-(x[:, None] ** 2 + x**2) / (2 * sigma_px**2))
-    return Psf(h / h.sum(), s, np.eye(k * k) * sd**2)
+from tests.psfs import gaussian
 
 
 def units(data):
@@ -49,7 +42,7 @@ def units(data):
 
 
 def test_fits_holds_samples_and_uncertainties():
-    psf = gaussian(0.6)
+    psf = gaussian(0.6, k=33)
     data = psf_fits(psf, "G1", "0.1.0")
     assert len(data) % 2880 == 0
     (primary, samples), (second, sigma) = units(data)
@@ -71,15 +64,15 @@ def test_fits_and_tiff_show_what_the_camera_noted():
         camera="Nikon 'D750' \u00e9" + "x" * 60, lens="50 mm", exposure_s=0.02, f_number=5.6, iso=100.0,
         focal_length_mm=50.0, captured_at="2026-03-14T10:11:12",
     )  # fmt: skip
-    (primary, _), (second, _) = units(psf_fits(gaussian(0.6), "G1", "0.1.0", noted))
+    (primary, _), (second, _) = units(psf_fits(gaussian(0.6, k=33), "G1", "0.1.0", noted))
     assert (primary["BUNIT"], primary["ROWORDER"], primary["FILTER"]) == ("1", "TOP-DOWN", "G1")
     assert primary["ORIGIN"] == second["ORIGIN"] == "calibration-station"
     assert primary["DATE-OBS"] == "2026-03-14T10:11:12"
     assert primary["INSTRUME"].startswith("Nikon ''D750'' ?xxx")
     assert [float(primary[name]) for name in ("APERTURE", "EXPTIME", "FOCALLEN", "ISOSPEED")] == [5.6, 0.02, 50, 100]
-    (bare, _), _ = units(psf_fits(gaussian(0.6), "G1", "0.1.0"))
+    (bare, _), _ = units(psf_fits(gaussian(0.6, k=33), "G1", "0.1.0"))
     assert not {"DATE-OBS", "INSTRUME", "APERTURE"} & bare.keys()
-    tags = exifread.process_file(io.BytesIO(psf_tiff(gaussian(0.6), "G1", Exposure(camera="Nikon D750"))))
+    tags = exifread.process_file(io.BytesIO(psf_tiff(gaussian(0.6, k=33), "G1", Exposure(camera="Nikon D750"))))
     stated = str(tags["Image ImageDescription"])
     assert stated.startswith("support of a PSF of plane G1, 4 samples per pixel, sum 1, first row uppermost")
     assert "INSTRUME = Nikon D750" in stated
@@ -91,7 +84,7 @@ def with_tail(psf):
 
 
 def test_outside_the_support_kernels_and_exponents_follow_the_standard():
-    psf = with_tail(gaussian(0.6))
+    psf = with_tail(gaussian(0.6, k=33))
     share, uncertainty = psf.energy_outside
     assert 0.04 / 1.04 < share < 0.06  # 0.04 beside the support's 1, and what goes on beyond the shapes' end
     (primary, samples), (second, _) = units(psf_fits(psf, "G1", "0.1.0"))
@@ -114,7 +107,7 @@ def test_outside_the_support_kernels_and_exponents_follow_the_standard():
         "PHOTO": "2", "SAMPLING": "1", "ORIGIN": "calibration-station", "CREATOR": "calibration-station",
     }  # fmt: skip
     # FITS 4.0, section 4.2.4: E or D; without a tail the share outside is rounding
-    (primary, _), _ = units(psf_fits(gaussian(0.6), "G1", None))
+    (primary, _), _ = units(psf_fits(gaussian(0.6, k=33), "G1", None))
     assert 0 < float(primary["EOUTSIDE"]) < 1e-9
     assert re.fullmatch(r"\d\.\d+E-\d+", primary["EOUTSIDE"])
 

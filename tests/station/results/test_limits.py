@@ -1,5 +1,3 @@
-"""Guard bands: the same number meets its limit, is undecided or does not by how far its uncertainty reaches."""
-
 from dataclasses import replace
 from functools import lru_cache
 
@@ -8,12 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from procedures import Diffraction, Psf, assess
+from procedures import Diffraction, assess
 from procedures.outcome import BadParameter, Quantity, Verdict
 from station.results.comparison import Comparison, Compliance
 from station.results.limits import Limit, Place, Specification, Spot, compare, limited_numbers, place_of
 from station.results.plane_result import PlaneResult
 from station.results.units import Pixels, Unit
+from tests.psfs import gaussian
 
 LOW = Quantity(0.25, "cycles/pixel", 0.001, "", 1)
 
@@ -21,9 +20,7 @@ LOW = Quantity(0.25, "cycles/pixel", 0.001, "", 1)
 @lru_cache
 def record(sd=1e-4, name="G1"):
     """A plane with a Gaussian PSF of a standard deviation of one pixel, its samples uncertain by `sd`."""
-    x = (np.arange(17) - 8) / 4
-    h = np.exp(-(x[:, None] ** 2 + x**2) / 2)
-    psf = Psf(h / h.sum(), 4, np.eye(289) * sd**2)
+    psf = gaussian(sd=sd)
     quality = assess(psf, n=1000, diffraction=Diffraction(5.6, 4.0, 550))
     return PlaneResult.of(name, Verdict.PASS, psf, quality, values={"gamma": 0.5, "scale": (4.0, 4.0)})
 
@@ -92,9 +89,7 @@ def test_limits_hold_for_their_planes_directions_frequencies_and_places():
     (across,) = judgements(Limit("mtf50", least=0.1), edge)
     assert (across.number, across.judged) == ("mtf50", "meets")
     assert one(Limit("mtf_nyquist", least=0.1), edge).judged == "undecided"
-    x = (np.arange(17) - 8) / 4
-    h = np.exp(-(x[:, None] ** 2 + x**2) / 2)
-    psf = Psf(h / h.sum(), 4, np.eye(289) * 1e-12)
+    psf = gaussian(sd=1e-6)
     mtf = assess(psf, n=1, at=(0.125,)).numbers["mtf_at_0.125_horizontal"].value
     plane = PlaneResult.of("G1", Verdict.PASS, psf, assess(psf, n=1, at=(0.125,)))
     assert {one.judged for one in judgements(Limit("mtf", least=mtf - 0.01, at=0.125), plane)} == {"meets"}
@@ -106,9 +101,6 @@ def test_limits_hold_for_their_planes_directions_frequencies_and_places():
     elsewhere = one(Limit("mtf50_radial", most=1.0, place=Place.CORNERS), plane)
     assert elsewhere.judged == "undecided"
     assert "it was not measured there" in elsewhere.words
-
-
-# --- directions, frequencies, places, units ------------------------------------------------------------------------
 
 
 def test_every_place_of_a_frame_has_its_limit_and_what_was_not_measured_one_sentence():
@@ -155,9 +147,7 @@ def test_limit_in_another_unit_is_the_same_limit(unit, factor):
 def test_results_in_other_units_need_the_pitch_and_are_the_same():
     with pytest.raises(BadParameter, match="lp/mm needs the pitch of the sensor's pixels"):
         one(Limit("mtf50_radial", least=1.0, unit=Unit.LINE_PAIRS), pixels=Pixels(2))
-    x = (np.arange(17) - 8) / 4
-    h = np.exp(-(x[:, None] ** 2 + x**2) / 2)
-    psf = Psf(h / h.sum(), 4, np.eye(289) * 1e-10)
+    psf = gaussian(sd=1e-5)
     plane = PlaneResult.of("G1", Verdict.PASS, psf, assess(psf, n=1, at=(0.25,)))
     stated = plane.in_unit(Unit.LINE_PAIRS, Pixels(2, 4.0))
     for name, factor in (("mtf50_radial", 125), ("fwhm_horizontal", 1)):

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from procedures import BadParameter, Psf, Verdict, assess
+from procedures import BadParameter, Verdict, assess
 from procedures.field.maps import HeightCurve
 from station.reports.field.height_curves import heights_figure, heights_table
 from station.reports.otf_figures import FrequencyAxis
@@ -13,13 +13,12 @@ from station.results.psf_files import write_psf_result
 from station.results.record_head import RecordHead
 from station.results.result_files import ResultFolder
 from station.results.units import Pixels, Unit
+from tests.psfs import gaussian
 
 
 @pytest.fixture(scope="module")
 def plane():
-    x = (np.arange(17) - 8) / 4
-    h = np.exp(-(x[:, None] ** 2 + x**2))
-    psf = Psf(h / h.sum(), 4, np.eye(289) * 1e-8)
+    psf = gaussian(0.7)
     return PlaneResult.of("G1", Verdict.PASS, psf, assess(psf, n=9), pitch=2)
 
 

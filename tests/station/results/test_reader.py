@@ -1,5 +1,3 @@
-"""Records of every procedure read back as they were written, and damaged ones refused."""
-
 import json
 import math
 import os

@@ -24,6 +24,7 @@ from station.results.plane_result import PlaneResult, numbers_of
 from station.results.psf_files import information_table, write_psf_result
 from station.results.record_head import RecordHead
 from station.results.result_files import ResultFolder, json_text, number_record, plane_record, write_record
+from tests.psfs import gaussian
 
 
 def psf_of(h, s=4):
@@ -54,9 +55,7 @@ def test_physics_of_a_psf_stands_in_its_plane(tmp_path):
 
 
 def test_every_term_of_every_number_is_told_beside_it(tmp_path):
-    x = (np.arange(13) - 6) / 3
-    h = np.exp(-(x[:, None] ** 2 + x**2))
-    psf = Psf(h / h.sum(), 3, 1e-8 * np.eye(169))
+    psf = gaussian(0.7, 3, 13)
     limit = Diffraction(8.0, 8.0, 530.0)
     quality = with_parts(assess(psf, n=5000, diffraction=limit), {"strehl": {"noise": 3e-4, "light": 4e-4}})
     record = PlaneResult.of("G1", Verdict.PASS, psf, quality, diffraction=limit)
@@ -177,9 +176,6 @@ def test_result_goes_where_a_link_to_a_folder_leads(tmp_path, named):
     with ResultFolder(tmp_path / named) as folder:
         write_psf_result(folder, [], RecordHead("pattern"))
     assert (tmp_path / named.replace("link", "real") / "result.json").is_file()
-
-
-# --- what is somebody else's ---------------------------------------------------------------------------------------
 
 
 def written(folder, *names, force=False):

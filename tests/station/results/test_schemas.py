@@ -1,5 +1,3 @@
-"""The schemas, shipped and generated, describe the records that are written, and refuse others."""
-
 import copy
 import json
 from dataclasses import replace
@@ -9,7 +7,7 @@ import jsonschema
 import numpy as np
 import pytest
 
-from procedures import Diffraction, Psf, assess
+from procedures import Diffraction, assess
 from procedures.outcome import Cause, Verdict
 from station.procedure.schema import procedure_named, schema_of
 from station.results.limits import Limit, Place, Specification
@@ -19,6 +17,7 @@ from station.results.record_head import InputFile, RecordHead
 from station.results.result_files import ResultFolder
 from station.results.terms import Terms
 from station.results.units import Frequency, Pixels, Unit
+from tests.psfs import gaussian
 
 SHIPPED = json.loads(files("station.results").joinpath("schemas", "result.schema.json").read_text(encoding="utf-8"))
 SCHEMAS = {"shipped": lambda: SHIPPED, "generated": lambda: schema_of(procedure_named("pattern"))}
@@ -31,9 +30,7 @@ LIMITS = (
 @pytest.fixture(scope="module")
 def record(tmp_path_factory):
     """With a specification, in lp/mm, and a plane that was refused."""
-    x = (np.arange(17) - 8) / 4
-    h = np.exp(-(x[:, None] ** 2 + x**2))
-    psf = Psf(h / h.sum(), 4, np.eye(289) * 1e-8)
+    psf = gaussian(0.7)
     terms, pixels = (
         Terms(
             Unit.LINE_PAIRS,

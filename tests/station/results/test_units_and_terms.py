@@ -1,5 +1,3 @@
-"""Units of frequencies, what is asked of a result, the conditions it was made in, and its seal."""
-
 import hashlib
 import json
 import math
@@ -84,8 +82,6 @@ def test_the_verdict_of_several_planes_is_the_worst_and_a_line_names_the_main_nu
     assert line == "MTF at 0.2 cycles/pixel along rows 0.250 ± 0.010 cycles/pixel"
 
 
-# --- specifications in files ----------------------------------------------------------------------------------------
-
 SPECIFICATION = """
 title = "50 mm"
 coverage = 1.5
@@ -137,9 +133,6 @@ def test_a_limit_that_cannot_be_meant_is_refused(text, complaint):
 def test_a_limit_may_be_one_number():
     (limit,) = parse_specification("[limits]\nmtf50 = { min = 0.3, max = 0.3 }", "lens.toml").limits
     assert (limit.least, limit.most) == (0.3, 0.3)
-
-
-# --- conditions, planes and seals -----------------------------------------------------------------------------------
 
 
 def test_conditions_are_the_mean_and_range_of_every_probe():

@@ -37,6 +37,8 @@ class Client:
         credentials = {"Authorization": f"Bearer {self.token}"} if self.token else {}
         if data is not None and not isinstance(data, bytes):
             data, credentials["Content-Type"] = json.dumps(data), "application/json"
+        elif path.startswith("/api/") and method == "PUT":
+            credentials["Content-Type"] = "application/x-www-form-urlencoded"
         connection.request(method, path, data, {**credentials, **headers})
         reply = connection.getresponse()
         body = reply.read()

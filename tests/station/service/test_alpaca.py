@@ -1,5 +1,3 @@
-"""The ASCOM Initiative's own client drives every member of the bench's Alpaca devices."""
-
 import json
 import socket
 import threading
@@ -36,9 +34,6 @@ def box(client):
     return device
 
 
-# --- management ----------------------------------------------------------------------------------------------------
-
-
 def test_the_server_reports_its_devices(client):
     assert management.apiversions(client.address) == [1]
     assert management.description(client.address)["ServerName"] == "Calibration station"
@@ -67,9 +62,6 @@ def test_no_member_of_the_client_is_missing(server, kind, device_class, besides)
     read, called = members(device_class)
     there = {*device.gets, *device.puts}
     assert {name for name in (read | called) - besides if name.lower() not in there} == set()
-
-
-# --- what all devices have -----------------------------------------------------------------------------------------
 
 
 def test_every_common_member_answers(client):
@@ -112,8 +104,7 @@ def requested(client, method, member, number, form=""):
     if method == "GET":
         _, _, body = client.request("GET", f"{path}?{form}")
     else:
-        headers = {"Content-Type": "application/x-www-form-urlencoded"}
-        _, _, body = client.request("PUT", path, form.encode(), **headers)
+        _, _, body = client.request("PUT", path, form.encode())
     reply = json.loads(body)
     return reply["ErrorNumber"], reply.get("Value")
 
@@ -162,14 +153,10 @@ def test_each_client_that_connects_beside_hears_how_its_own_attempt_went(client,
 )
 def test_a_stop_is_never_refused(client, served, path, form):
     # nobody has connected the device, and somebody else has the bench
-    headers = {"Content-Type": "application/x-www-form-urlencoded"}
     with served.tenancy.held("a run of the plan short"):
-        status, _, body = client.request("PUT", f"/api/v1/{path}", form, **headers)
+        status, _, body = client.request("PUT", f"/api/v1/{path}", form)
     assert (status, json.loads(body)["ErrorNumber"]) == (200, 0)
     assert served.bench.stops == ("action" in path)
-
-
-# --- focuser -------------------------------------------------------------------------------------------------------
 
 
 def test_every_member_of_the_focuser(rail, served):
@@ -284,9 +271,6 @@ def test_a_halt_that_comes_before_the_driver_has_its_order_is_not_lost(rail, ser
     assert arrived == [False]
 
 
-# --- switch --------------------------------------------------------------------------------------------------------
-
-
 def test_every_member_of_the_switch(box, served):
     assert box.MaxSwitch == 5
     names = [box.GetSwitchName(number) for number in range(5)]
@@ -327,9 +311,6 @@ def test_every_member_of_the_switch(box, served):
     assert not box.CanAsync(0)
 
 
-# --- conditions ----------------------------------------------------------------------------------------------------
-
-
 def test_every_member_of_the_rooms_conditions(client, served):
     room = observingconditions.ObservingConditions(client.address, 0)
     room.Connected = True
@@ -343,8 +324,8 @@ def test_every_member_of_the_rooms_conditions(client, served):
     assert {one["Name"] for one in room.DeviceState} == {"Temperature", "Humidity"}
     room.Refresh()
     for hours, error in ((0, 0), (1, 0x401)):
-        form, headers = f"AveragePeriod={hours}".encode(), {"Content-Type": "application/x-www-form-urlencoded"}
-        _, _, body = client.request("PUT", "/api/v1/observingconditions/0/averageperiod", form, **headers)
+        form = f"AveragePeriod={hours}".encode()
+        _, _, body = client.request("PUT", "/api/v1/observingconditions/0/averageperiod", form)
         assert json.loads(body)["ErrorNumber"] == error
     with pytest.raises(exceptions.InvalidValueException, match="the name of a sensor; got 'nose'"):
         room.SensorDescription("nose")
@@ -353,9 +334,6 @@ def test_every_member_of_the_rooms_conditions(client, served):
             getattr(room, name)
     with pytest.raises(NOT_IMPLEMENTED):
         room.SensorDescription("Pressure")
-
-
-# --- the protocol --------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -380,8 +358,7 @@ def test_every_member_of_the_rooms_conditions(client, served):
 )
 def test_requests_are_read_by_the_standard(shared_server, method, path, form, status):
     client, _ = shared_server
-    headers = {"Content-Type": "application/x-www-form-urlencoded"}
-    came, _, body = client.request(method, f"/api/v1/{path}", form, **headers)
+    came, _, body = client.request(method, f"/api/v1/{path}", form)
     assert came == status, body
     assert b'"ClientTransactionID": 77' in body or "77" not in path
 
@@ -396,7 +373,6 @@ def test_transactions_are_numbered_and_strangers_are_turned_away(shared_server):
 
 def stranger(client, path, form=b"", **headers):
     """Status and body of a PUT without the token."""
-    headers = {"Content-Type": "application/x-www-form-urlencoded", **headers}
     status, _, body = Client(client.port, "").request("PUT", f"/api/v1/{path}", form, **headers)
     return status, body
 

@@ -1,5 +1,3 @@
-"""The driver of Alpaca's cameras at the bench's own server, and at servers that are not as they should be."""
-
 import threading
 import time
 
@@ -17,8 +15,6 @@ from station.bench.opening import frame_format, inspect_raw
 from station.service.alpaca.protocol import image_bytes, sensor_image
 
 from .alpaca_clients import beside
-
-FORM = {"Content-Type": "application/x-www-form-urlencoded"}
 
 
 @pytest.fixture
@@ -118,7 +114,7 @@ def test_an_exposure_that_another_client_aborted_ends_at_once(camera, client, sl
     thread, outcome = beside(camera.expose)
     slow_camera.wait()
     begin_s = time.monotonic()
-    client.request("PUT", "/api/v1/camera/0/abortexposure", b"ClientID=2", **FORM)
+    client.request("PUT", "/api/v1/camera/0/abortexposure", b"ClientID=2")
     served.bench.camera.expose.go_on()
     thread.join()
     assert isinstance(outcome[0], FrameMissing)

@@ -1,5 +1,3 @@
-"""The drivers of Alpaca's devices at the bench's own server: what every stage, camera, light and shutter promises."""
-
 import socket
 import threading
 from types import SimpleNamespace
@@ -67,9 +65,6 @@ def held_up(served, monkeypatch):
     monkeypatch.setattr(stage, "stop", halt)
     yield SimpleNamespace(moving=moving, halted=go_on, requested=requested)
     go_on.set()
-
-
-# --- stage ---------------------------------------------------------------------------------------------------------
 
 
 def test_it_does_not_move_before_homing(stage):
@@ -215,9 +210,6 @@ def test_positions_are_trusted_where_nothing_homes(at, homed):
     assert believing.position()["z_mm"] == pytest.approx(homed.position()["z_mm"] - 300.0, abs=0.002)
 
 
-# --- servers that are not as they should be ------------------------------------------------------------------------
-
-
 def test_a_server_that_is_not_there_is_named():
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))  # and does not listen
@@ -241,9 +233,6 @@ def test_a_password_that_is_missing_is_reported(at, variable, words):
 def test_a_device_that_is_not_there_is_reported(at):
     with pytest.raises(Rejected, match="there is no device focuser/7; there are camera/0"):
         AlpacaLink(at, "focuser", 7).open()
-
-
-# --- light and shutter ---------------------------------------------------------------------------------------------
 
 
 def test_a_light_on_a_switch(at, served):
@@ -303,9 +292,6 @@ def test_a_switch_that_cannot_be_one_is_refused(at, switch, words):
         AlpacaLight(AlpacaSwitch(at, 0, switch)).connect()
 
 
-# --- station.toml --------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.slow
 def test_a_bench_of_another_bench(client, served, tmp_path, at):
     address = {"server": f"127.0.0.1:{client.port}", "password_variable": "BENCH_TOKEN"}
@@ -328,9 +314,6 @@ def test_a_bench_of_another_bench(client, served, tmp_path, at):
         assert TOKEN not in str(tables)
     finally:
         bench.close()
-
-
-# --- probe -----------------------------------------------------------------------------------------------------------
 
 
 def test_a_probe_reads_what_its_server_measures(at, served):

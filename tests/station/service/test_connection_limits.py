@@ -1,5 +1,3 @@
-"""Clients that connect and do not ask leave room for those that do, and files for the run."""
-
 import os
 import socket
 import subprocess
@@ -134,8 +132,7 @@ def test_beyond_the_limit_only_stops_are_answered(tmp_path, monkeypatch):
         assert "at most 8 connections are answered at a time" in reply["reason"]
         assert client.post("/stop")[0] == 200
         assert client.request("GET", "/")[0] == 200
-        form = {"Content-Type": "application/x-www-form-urlencoded"}
-        assert client.request("PUT", "/api/v1/focuser/0/halt", b"", **form)[0] == 200
+        assert client.request("PUT", "/api/v1/focuser/0/halt", b"")[0] == 200
         beyond = [half_sent(client) for _ in range(FOR_STOPS + 8)]
         assert client.post("/stop")[0] == 200
         for one in (*beyond, *streams):

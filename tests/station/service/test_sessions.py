@@ -1,5 +1,3 @@
-"""Sessions, results and journals are read by other programs."""
-
 import json
 import shutil
 import sys

@@ -1,5 +1,3 @@
-"""A stop gets through, whatever hangs: over HTTP, from the phone page, and over Alpaca."""
-
 import json
 import time
 
@@ -16,7 +14,6 @@ POLLS = 200
 TRIES = 5
 """The best of some tries: where a stop waits for polls or controllers every one takes seconds, and a machine that has
 much else to do delays a few of them."""
-ALPACA = {"Content-Type": "application/x-www-form-urlencoded"}
 POLLED = [f"/api/v1/focuser/{number}/ismoving?ClientID=1" for number in range(3)]
 
 
@@ -27,11 +24,11 @@ def page_stop(client):
 
 
 WAYS = {  # the halt is first: after an emergency stop there is no position to keep, and a halt is a reset
-    "Halt": lambda client: client.request("PUT", "/api/v1/focuser/0/halt", b"ClientID=1", **ALPACA),
+    "Halt": lambda client: client.request("PUT", "/api/v1/focuser/0/halt", b"ClientID=1"),
     "HTTP": lambda client: client.request("POST", "/station/v1/stop", {}),
     "page": page_stop,
     "EmergencyStop": lambda client: client.request(
-        "PUT", "/api/v1/switch/0/action", b"Action=EmergencyStop&Parameters=", **ALPACA
+        "PUT", "/api/v1/switch/0/action", b"Action=EmergencyStop&Parameters="
     ),
 }
 HALTS = (b"\x85", b"\x18")
@@ -49,8 +46,8 @@ def hung(tmp_path_factory):
         served.bench.stage.home()
         for number in range(3):
             path = f"/api/v1/focuser/{number}"
-            client.request("PUT", f"{path}/connected", b"Connected=true&ClientID=1", **ALPACA)
-            client.request("PUT", f"{path}/halt", b"ClientID=1", **ALPACA)  # from now on it is asked whether it moves
+            client.request("PUT", f"{path}/connected", b"Connected=true&ClientID=1")
+            client.request("PUT", f"{path}/halt", b"ClientID=1")  # from now on it is asked whether it moves
         yield client, served, lab
 
 
@@ -98,6 +95,6 @@ def test_polls_whose_clients_have_left_are_forgotten(hung):
         client.request("GET", "/")
     begin_s = time.monotonic()
     form = b"ClientID=1&Connected=true"
-    assert client.request("PUT", "/api/v1/focuser/0/connected", form, **ALPACA)[0] == 200
+    assert client.request("PUT", "/api/v1/focuser/0/connected", form)[0] == 200
     # it waits for the two polls that are being answered, not for all: each takes the controller's three half seconds
     assert time.monotonic() - begin_s < POLLS / 3 / 2 * 1.5 / 2

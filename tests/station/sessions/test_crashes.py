@@ -1,12 +1,10 @@
-"""The power is cut, or the disk is full, at every single operation of a session."""
-
 import pytest
 
 from procedures.outcome import ProcedureError
 from station.sessions.session import Session
 
 from .faulty_disk import FaultyDisk, PowerCut
-from .work import Camera, FixedClock, Work, result_of, today
+from .work import Camera, Work, created, opened, result_of
 
 
 @pytest.fixture(scope="module")
@@ -63,17 +61,16 @@ def test_interrupted_at_any_operation_the_result_is_the_same(tmp_path, uninterru
 @pytest.mark.parametrize("how", ["before", "half", "after"])
 def test_interrupted_while_it_is_opened_it_repeats_no_exposure_in_silence(tmp_path, how):
     for at in range(1, 60):
-        about = {"plan": "p", "camera": "c", "lens": "l", "config": {}}
-        with Session.create(tmp_path / str(at), **about, clock=FixedClock(), today=today, disk=FaultyDisk()) as session:
+        with created(tmp_path / str(at), FaultyDisk()) as session:
             session.expect("shots", "frame")
         try:
-            Session.open(session.folder, FixedClock(), today=today, disk=FaultyDisk(at, how)).close()
+            opened(session.folder, disk=FaultyDisk(at, how)).close()
         except PowerCut:
             pass
         else:
             assert at == 3 * 4 + 1  # opened, noticed, gave up: four operations each
             break
-        with Session.open(session.folder, FixedClock(), today=today, disk=FaultyDisk()) as session:
+        with opened(session.folder, disk=FaultyDisk()) as session:
             assert sum("an exposure for frame (shots)" in one for one in session.state.notices) == 1
 
 
@@ -91,8 +88,7 @@ def test_full_at_any_operation_is_a_sentence_and_with_room_again_it_goes_on(tmp_
 @pytest.mark.parametrize("opened_again", [False, True])
 def test_disk_that_was_full_takes_the_same_shot_once_there_is_room(tmp_path, opened_again):
     disk = FaultyDisk()
-    about = {"plan": "p", "camera": "c", "lens": "l", "config": {}}
-    with Session.create(tmp_path, **about, clock=FixedClock(), today=today, disk=disk) as session:
+    with created(tmp_path, disk) as session:
         exposure = Camera(tmp_path / "incoming").expose("frame")
         disk.at, disk.how = disk.count + 5, "full"  # it is announced: head and line, written and synchronised
         with pytest.raises(ProcedureError, match="No space left"):
@@ -103,7 +99,7 @@ def test_disk_that_was_full_takes_the_same_shot_once_there_is_room(tmp_path, ope
         disk.full = False
         if opened_again:
             session.close()
-            session = Session.open(session.folder, FixedClock(), today=today)
+            session = opened(session.folder)
             (shot,) = session.state.shots
             assert session.state.notices == ("shot 1 had been announced but not adopted; it is now in the session",)
         else:

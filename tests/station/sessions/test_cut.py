@@ -1,5 +1,3 @@
-"""A journal that lost its end, at a line's end or inside one: nothing is written over or lost, and it is said."""
-
 import os
 import shutil
 from itertools import pairwise
@@ -14,11 +12,10 @@ from station.sessions.index import Index
 from station.sessions.journal import Contents, Damaged, Journal
 from station.sessions.layout import read_config
 from station.sessions.reader import check_whole, read_session, unknown_files, verify
-from station.sessions.session import Session
 from tests.program import run
 
 from .faulty_disk import FaultyDisk
-from .work import Camera, FixedClock, Work, today
+from .work import Camera, Work, created, opened
 
 
 @pytest.fixture(autouse=True)
@@ -67,7 +64,7 @@ def cut(whole: Path, root: Path, length: int) -> Path:
 def take_one(folder: Path, noise: str) -> list[str]:
     """Open it and take a photograph whose name on the camera repeats; what was said at opening."""
     camera = Camera(folder.parent / "incoming", noise=noise)
-    with Session.open(folder, FixedClock(), today=today, disk=FaultyDisk()) as session:
+    with opened(folder, disk=FaultyDisk()) as session:
         said = list(session.state.notices)
         session.expect("shots", "frame 0")
         shot = session.adopt(camera.expose("frame 0"), step="shots", purpose="frame 0", snapshot={})
@@ -168,7 +165,7 @@ def test_cut_inside_the_first_line_leaves_the_folder_as_it_is(finished, tmp_path
     for length in (0, 40):
         folder = cut(finished, tmp_path, length)
         with pytest.raises(Damaged, match="the journal has no line"):
-            Session.open(folder, FixedClock(), today=today)
+            opened(folder)
         check(folder, precious(finished))
 
 
@@ -183,9 +180,8 @@ def test_result_that_the_journal_lost_is_confirmed_where_it_comes_out_the_same(f
 
 
 def test_file_that_gets_the_name_of_an_announced_photograph_is_left_alone(tmp_path):
-    about = {"plan": "p", "camera": "c", "lens": "l", "config": {}}
     disk = FaultyDisk()
-    with Session.create(tmp_path, **about, clock=FixedClock(), today=today, disk=disk) as session:
+    with created(tmp_path, disk) as session:
         exposure = Camera(tmp_path / "incoming").expose("frame")
         disk.at, disk.how = disk.count + 5, "full"
         with pytest.raises(ProcedureError, match="No space left"):

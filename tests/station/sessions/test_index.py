@@ -91,8 +91,23 @@ def test_camera_without_a_session_is_forgotten(root):
         assert index.names("lenses") == ["50 mm"]
 
 
-@pytest.mark.parametrize("spoil", [lambda path: path.unlink(), lambda path: path.write_bytes(b"x" * 5000)])
-def test_index_that_is_gone_or_damaged_is_made_anew(root, spoil):
+def changed(path, command):
+    with sqlite3.connect(path) as database:
+        database.execute(command)
+    database.close()
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda path: path.unlink(),
+        lambda path: path.write_bytes(b"x" * 5000),
+        lambda path: path.write_bytes(path.read_bytes()[:4096].ljust(path.stat().st_size, b"\xff")),
+        lambda path: changed(path, "PRAGMA user_version = 99"),
+    ],
+    ids=["gone", "damaged", "damaged inside", "another version"],
+)
+def test_index_that_is_of_no_use_is_made_anew(root, spoil):
     before = folders(root)
     spoil(root / FILE)
     assert folders(root) == before
@@ -101,27 +116,9 @@ def test_index_that_is_gone_or_damaged_is_made_anew(root, spoil):
     database.close()
 
 
-def test_index_damaged_inside_is_made_anew(root):
-    before = folders(root)
-    data = bytearray((root / FILE).read_bytes())
-    data[4096:] = b"\xff" * (len(data) - 4096)
-    (root / FILE).write_bytes(data)
-    assert folders(root) == before
-
-
-def test_index_of_another_version_is_made_anew(root):
-    before = folders(root)
-    with sqlite3.connect(root / FILE) as database:
-        database.execute("PRAGMA user_version = 99")
-    database.close()
-    assert folders(root) == before
-
-
 def test_rebuilding_begins_with_nothing(root):
     folders(root)
-    with sqlite3.connect(root / FILE) as database:
-        database.execute("UPDATE sessions SET verdict = 'pass'")
-    database.close()
+    changed(root / FILE, "UPDATE sessions SET verdict = 'pass'")
     assert len(folders(root, verdict="pass")) == 3
     with Index(root, rebuild=True) as index:
         assert len(index.sessions(Filter(verdict="pass"))) == 1

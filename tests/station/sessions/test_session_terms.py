@@ -1,10 +1,8 @@
-"""A session's specification: frozen when it begins, compared with every result, reported as text and exit code."""
-
 import numpy as np
 import pytest
 
 from drivers.errors import SystemClock
-from procedures import BadParameter, Psf, Verdict, assess
+from procedures import BadParameter, Verdict, assess
 from procedures.choice import knot_budgets, with_parts
 from station.cli.guide import exit_code
 from station.guide.frontend import Result, RunEnded
@@ -14,6 +12,7 @@ from station.results.terms import USUAL
 from station.results.units import Pixels
 from station.sessions.session import Session
 from station.sessions.state import KEY, UNIT, frozen, in_terms, terms_of_session
+from tests.psfs import gaussian
 
 TEXT = """\
 title = "lens \u00b5"
@@ -59,9 +58,7 @@ def test_specification_that_cannot_be_meant_is_refused_before_the_session(tmp_pa
 
 
 def plane():
-    x = (np.arange(17) - 8) / 4
-    h = np.exp(-(x[:, None] ** 2 + x**2) / 2)
-    psf = Psf(h / h.sum(), 4, np.eye(289) * 1e-8)
+    psf = gaussian()
     quality = assess(psf, n=9)
     budgets = {**knot_budgets(quality), **quality.budgets}
     noise = {name: terms["noise"] for name, terms in budgets.items()}

@@ -46,6 +46,16 @@ class Camera:
         return exposure_of(path)
 
 
+def created(root: Path, disk) -> Session:
+    return Session.create(
+        root, plan="p", camera="c", lens="l", config={}, clock=FixedClock(), today=today, disk=disk
+    )  # fmt: skip
+
+
+def opened(folder: Path, **options) -> Session:
+    return Session.open(folder, FixedClock(), today=today, **options)
+
+
 def exposure_of(path: Path) -> ExposedFile:
     data = path.read_bytes()
     return ExposedFile(path, hashlib.sha256(data).hexdigest(), len(data), CameraSettings(0.02, 100), 1.0, 2.0)
@@ -81,7 +91,7 @@ class Work:
     def _session(self, disk) -> Session:
         made = [path for path in self.root.glob("[!.]*") if is_session(path)]
         if made:
-            return Session.open(made[0], FixedClock(), today=today, disk=disk)
+            return opened(made[0], disk=disk)
         about = {"plan": "test", "camera": "Box", "lens": "50 mm", "config": {"s": 4}}
         return Session.create(self.root, **about, clock=FixedClock(), seed=3, today=today, disk=disk)
 

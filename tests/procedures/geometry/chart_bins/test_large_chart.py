@@ -1,12 +1,10 @@
 import numpy as np
 import pytest
 
+from procedures import Chart, Plane, view_of
 from procedures.geometry.chart_bins.large_chart import enlarged, reduced
-from procedures.geometry.chart_bins.photographs import view_of
 from procedures.geometry.chart_bins.turned_view import shrunk
-from procedures.pattern import Chart
 from procedures.pattern_psf.correspondences import Correspondences, bin_centres
-from procedures.raw import Plane
 from simulators.camera.camera import Lens, SimulatedCamera
 from simulators.camera.optics import Optics
 from simulators.camera.sensor import Sensor

@@ -1,11 +1,8 @@
 import numpy as np
 import pytest
 
+from procedures import Chart, GeometryParameters, Plane, Verdict, calibrate_geometry
 from procedures.geometry.chart_bins.photographs import view_of, views_of
-from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
-from procedures.outcome import Verdict
-from procedures.pattern import Chart
-from procedures.raw import Plane
 from simulators.camera.camera import Lens, SimulatedCamera
 from simulators.camera.optics import Optics
 from simulators.camera.sensor import Sensor

@@ -1,11 +1,9 @@
 import numpy as np
 import pytest
 
+from procedures import Chart, Plane, Refused
 from procedures.geometry.chart_bins.photographs import locate_chart, view_of
 from procedures.geometry.chart_bins.turned_view import TurnedView
-from procedures.outcome import Refused
-from procedures.pattern import Chart
-from procedures.raw import Plane
 from tests.benchmarks.fisheye_views import photograph, polynomial, poses, true_points
 
 LENS = polynomial((750, 500), 304.0, (377.0, 248.0), (-0.012, 0.004, -0.0015, 0.0002))

@@ -1,17 +1,14 @@
-"""A typed f-number against the photograph's own far tail and what diffraction lets pass."""
-
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from procedures.pattern import Chart
+from procedures import Chart, Plane, read_frame
 from procedures.pattern_psf.facts import PatternFacts
 from procedures.pattern_psf.focus.aperture import KEY, check_aperture, f_number_of_tails
 from procedures.psf import Psf, PsfTail
 from procedures.quality import CAMERA, OPERATOR, Diffraction
-from procedures.raw import Plane, read_frame
 from simulators.bench.view import bench_camera
 from simulators.world.projection import ObjectPose
 from simulators.world.scene import PlacedChart, Scene
@@ -63,7 +60,8 @@ def test_half_and_twice_are_named(photographed, factor):
         assert look(frame, factor * true, insisted_typed_f_number=True).good
 
 
-def test_noted_f_numbers_are_not_doubted_and_their_source_is_told(photographed, plane):
+def test_noted_f_numbers_are_not_doubted_and_their_source_is_told(photographed):
+    plane = Plane("G1", np.zeros((4, 4), np.float32), 1e-4, pitch=2)
     true, frame = photographed
     recorded = replace(frame, exposure=replace(frame.exposure, f_number=true))
     assert look(recorded, 2 * true).good
@@ -72,11 +70,6 @@ def test_noted_f_numbers_are_not_doubted_and_their_source_is_told(photographed, 
     recorded = replace(known, f_number=5.6)
     assert (recorded.diffraction(plane).f_number, recorded.diffraction(plane).stated_by) == (5.6, CAMERA)
     assert PatternFacts(pixel_pitch_um=4.0).diffraction(plane) is None
-
-
-@pytest.fixture
-def plane():
-    return Plane("G1", np.zeros((4, 4), np.float32), 1e-4, pitch=2)
 
 
 def test_the_uncertainty_of_the_tail_is_that_of_its_first_amplitude():

@@ -1,15 +1,12 @@
-"""Sharpness of one photograph after the other, against the simulated camera's true MTF."""
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import scipy.optimize
 
-from procedures.pattern import Chart
+from procedures import Chart, Plane
 from procedures.pattern_psf.focus.sharpness import measure_sharpness
 from procedures.pattern_psf.focus.sweep import best_focus
-from procedures.raw import Plane
 from simulators.camera.camera import Lens, SimulatedCamera, pixels_at, render_plane
 from simulators.camera.sensor import Sensor
 from simulators.world.scene import Scene

@@ -1,5 +1,3 @@
-"""The top of a sweep."""
-
 import math
 
 import numpy as np

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import affine_transform, shift
 
-from procedures.outcome import BadInput, Refused, Verdict
+from procedures import BadInput, Refused, RestorationParameters, Scheme, Verdict, restore
 from procedures.restoration.first_depth.registration import (
     Displacement,
     displacement,
@@ -12,8 +12,6 @@ from procedures.restoration.first_depth.registration import (
     relative_light,
     shift_back,
 )
-from procedures.restoration.joint.estimate import RestorationParameters, restore
-from procedures.restoration.joint.schedule import Scheme
 
 from ..conftest import scene
 

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, rotate, shift
 
-from procedures.outcome import BadInput, BadParameter, Refused, Verdict
+from procedures import BadInput, BadParameter, Refused, Scheme, Verdict
 from procedures.restoration.joint.estimate import RestorationParameters, judge, noise_gain, noise_of, reach_of, restore
 from procedures.restoration.joint.picture_error import noise_upper_bound
 from procedures.restoration.joint.result import refocused
-from procedures.restoration.joint.schedule import Scheme
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from procedures.restoration.masks.checks import check_max_w, without_defects
 from tests.procedures.restoration.conftest import scene

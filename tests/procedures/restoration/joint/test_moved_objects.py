@@ -1,14 +1,11 @@
-"""Motion between photographs, detected from the residual of a restoration."""
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from procedures.outcome import Verdict
+from procedures import Scheme, Verdict
 from procedures.restoration.joint.estimate import RestorationParameters, judge, restore
 from procedures.restoration.joint.moved_objects import largest, moved_objects
-from procedures.restoration.joint.schedule import Scheme
 
 PATCH = (slice(30, 54), slice(50, 74))
 NOISE = 0.002

@@ -1,12 +1,8 @@
-"""Occlusion at depth edges: detection, and uncertainties there in ray-traced scenes."""
-
 import numpy as np
 import pytest
 
-from procedures.restoration.joint.estimate import RestorationParameters, restore
-from procedures.restoration.joint.kernel_sizes import stacks_of
+from procedures import RestorationParameters, Scheme, restore, stacks_of
 from procedures.restoration.joint.moved_objects import occlusion_of
-from procedures.restoration.joint.schedule import Scheme
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from tests.benchmarks.restoration_scenes import picture
 from tests.procedures.restoration.two_flats import lens, two_flats

@@ -1,5 +1,3 @@
-"""Expected error of the picture, and noise separated from errors of the masks, for simulated truth."""
-
 import math
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Loops over arrays compared with NumPy and SciPy, to rounding."""
-
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, laplace

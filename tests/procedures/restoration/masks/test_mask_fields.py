@@ -1,13 +1,10 @@
-"""Masks that vary over the frame: one stack is a grid of one, and a field restores the blur of the field."""
-
 import numpy as np
 import pytest
 
-from procedures.outcome import BadParameter, Verdict
+from procedures import BadParameter, Scheme, Verdict
 from procedures.restoration.first_depth import initial_depth
 from procedures.restoration.joint.estimate import RestorationParameters, noise_of, restore
 from procedures.restoration.joint.result import refocused
-from procedures.restoration.joint.schedule import Scheme
 from procedures.restoration.masks.mask_fields import MaskField, alike, one_grid, positions
 from procedures.restoration.masks.shape_fields import symmetric
 

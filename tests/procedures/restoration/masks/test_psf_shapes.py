@@ -1,11 +1,7 @@
-"""Measured PSFs as shapes: the mask of the measured half-width is the PSF, and a lens with vignetting is restored."""
-
 import numpy as np
 import pytest
 
-from procedures.outcome import BadInput
-from procedures.restoration.joint.estimate import RestorationParameters, restore
-from procedures.restoration.joint.schedule import Scheme
+from procedures import BadInput, RestorationParameters, Scheme, restore
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from procedures.restoration.masks.psf_shapes import measured_field, measured_shape, without_noise
 

@@ -1,5 +1,3 @@
-"""Shapes over the frame, and motion convolved with them."""
-
 import numpy as np
 import pytest
 

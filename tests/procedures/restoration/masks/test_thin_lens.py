@@ -1,10 +1,8 @@
 import numpy as np
 import pytest
 
-from procedures.outcome import BadParameter
-from procedures.psf import Psf
+from procedures import BadParameter, Psf, gaussian_constant
 from procedures.restoration.masks.blur_models import spread_of
-from procedures.restoration.masks.gaussian_constant import gaussian_constant
 from procedures.restoration.masks.thin_lens import CameraSetting, relation
 
 FIRST = CameraSetting(focal_length_mm=50.0, f_number=2.8, focus_mm=1500.0, pitch_um=6.0)

@@ -1,5 +1,3 @@
-"""Local minima of descent, and their escape by curves of a pool and by random bends."""
-
 import numpy as np
 import pytest
 

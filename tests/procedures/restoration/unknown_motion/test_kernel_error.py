@@ -10,19 +10,14 @@ WEIGHT = 0.02
 ROWS, COLUMNS = 96, 120
 
 
-@pytest.fixture
-def wave():
-    # even about both ends of a row, where the boundary is mirrored
-    return 0.5 + 0.2 * np.cos(np.pi * 12 * (np.arange(COLUMNS) / (COLUMNS - 1)))[None, None] * np.ones((1, ROWS, 1))
-
-
 def kernels(row):
     masks = np.zeros((2, 5, 5))
     masks[:, 2] = row
     return masks
 
 
-def test_the_error_of_a_kernel_is_the_difference_of_two_filters_without_their_shift(wave):
+def test_the_error_of_a_kernel_is_the_difference_of_two_filters_without_their_shift():
+    wave = 0.5 + 0.2 * np.cos(np.pi * 12 * (np.arange(COLUMNS) / (COLUMNS - 1)))[None, None] * np.ones((1, ROWS, 1))
     f = 6 / (COLUMNS - 1)
     G, stiff = 0.5 + 0.5 * np.cos(2 * np.pi * f), WEIGHT * (2 - 2 * np.cos(2 * np.pi * f))
     expected = 0.2 * abs(2 * G / (2 * G**2 + stiff) - 2 / (2 + stiff))

@@ -1,5 +1,3 @@
-"""Subpixel curves: their masks, and their estimation from masks."""
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,4 @@
-"""Pairs of curves that the frame around a flat part contradicts weakly and strongly."""
-
 import numpy as np
-import pytest
 
 from procedures.restoration.unknown_motion.cross_relation import Disagreement
 from procedures.restoration.unknown_motion.mask_evidence import MaskEvidence
@@ -19,28 +16,8 @@ def around(slope):
     return Disagreement(z / (z.std() / 100), FLAT, FLAT_W, np.broadcast_to(w, z.shape[1:]))
 
 
-@pytest.fixture(scope="module")
-def sloping():
-    return around(0.01)
-
-
-@pytest.fixture(scope="module")
-def flat():
-    """The flat part's evidence on its masks: each entry to a thousandth."""
-    one = MaskEvidence.about(curves(), FLAT_W, FLAT_W, 5)
-    one.add(np.eye(one.masks.size), np.zeros(one.masks.size), 1e6)
-    return [one]
-
-
 def contradiction(disagreement, points):
     return disagreement.of(*(disagreement.spectra(one) for one in points))
-
-
-@pytest.fixture(scope="module")
-def wrong():
-    """Both curves with a bend half a pixel off."""
-    bend = np.exp(-(((np.arange(POINTS) - 8) / 2.0) ** 2))[:, None]
-    return curves() + bend * np.array([[[0.4, -0.3]], [[-0.3, 0.4]]])
 
 
 def test_true_curves_leave_noise_where_depth_is_constant():
@@ -48,7 +25,13 @@ def test_true_curves_leave_noise_where_depth_is_constant():
     assert 0.6 < contradiction(around(0.0), curves()) < 2
 
 
-def test_wrong_curves_are_contradicted_and_descent_approaches_the_truth(sloping, wrong, flat):
+def test_wrong_curves_are_contradicted_and_descent_approaches_the_truth():
+    bend = np.exp(-(((np.arange(POINTS) - 8) / 2.0) ** 2))[:, None]
+    wrong = curves() + bend * np.array([[[0.4, -0.3]], [[-0.3, 0.4]]])
+    one = MaskEvidence.about(curves(), FLAT_W, FLAT_W, 5)
+    one.add(np.eye(one.masks.size), np.zeros(one.masks.size), 1e6)
+    flat = [one]
+    sloping = around(0.01)
     assert contradiction(sloping, wrong) > 2 * contradiction(sloping, curves())
     z = np.stack(photographs())[:, 0]
     nothing = Disagreement(z, (slice(None), slice(None)), FLAT_W, np.full(z.shape[1:], FLAT_W))

@@ -1,10 +1,7 @@
-"""Refinement of paths from a flat part by other depths."""
-
 import numpy as np
 import pytest
 
-from procedures.outcome import Outcome, Verdict
-from procedures.restoration.joint.schedule import Scheme
+from procedures import Outcome, Scheme, Verdict
 from procedures.restoration.masks.blur_models import LINE, as_shape, mask
 from procedures.restoration.unknown_motion import motion_splines, path_refinement
 from procedures.restoration.unknown_motion.blind import Prototypes

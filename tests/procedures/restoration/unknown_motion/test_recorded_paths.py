@@ -1,5 +1,3 @@
-"""Recorded motion: known paths with unknown size in the flat part and unknown relative shift."""
-
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, shift
@@ -33,12 +31,8 @@ def likeness(a, b):
     return float(fftconvolve(a, b[::-1, ::-1]).max() / np.linalg.norm(a) / np.linalg.norm(b))
 
 
-@pytest.fixture(scope="module")
-def masks(flat):
-    return recorded_paths.recorded_masks(flat[0], PATHS, 4)
-
-
-def test_size_and_shift_of_recorded_paths_start_the_search(flat, masks):
+def test_size_and_shift_of_recorded_paths_start_the_search(flat):
+    masks = recorded_paths.recorded_masks(flat[0], PATHS, 4)
     # sizes are tried at quarters of a pixel: half a step off keeps the correlation above 0.98
     assert [likeness(a, b) > 0.98 for a, b in zip(masks, flat[1], strict=True)] == [True, True]
     x = np.arange(-4, 5)

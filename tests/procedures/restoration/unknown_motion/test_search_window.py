@@ -1,5 +1,3 @@
-"""Choice of the window for the search of motion paths."""
-
 import numpy as np
 import pytest
 

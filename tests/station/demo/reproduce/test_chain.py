@@ -6,12 +6,8 @@ from station.demo.reproduce.algorithm_1 import Alternation, algorithm_1, data_te
 from station.demo.reproduce.restoration_rows import restored_at
 
 
-@pytest.fixture(scope="module")
-def pair():
-    return scenes.pair(scenes.comatic(), None, (64, 64), picture=scenes.texture)
-
-
-def test_algorithms_of_the_chain_lower_errors_and_cost(pair):
+def test_algorithms_of_the_chain_lower_errors_and_cost():
+    pair = scenes.pair(scenes.comatic(), None, (64, 64), picture=scenes.texture)
     stacks = scenes.stacks(scenes.comatic())
     wrong = pair.w + 0.3
     sharp, w = algorithm_1(pair.z, stacks, wrong, Alternation(3e-4, 1e-4, rounds=5, final=50))
