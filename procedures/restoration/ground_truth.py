@@ -28,8 +28,6 @@ TAPS = 9
 SOFTEST_PX, CENTRE_PX = 3.0, 512
 """Largest blur by which the ground truth may be softer than the restored picture, and side of the central part of the
 frame in which it is estimated, pixels."""
-
-
 LEAST_SEEN = 0.1
 """Smallest fraction of the frame that a ground truth must show."""
 NOTHING_ALIKE = 0.7

@@ -177,7 +177,6 @@ def _likeliest(
     terms : for each ring powers (..., n), exponentially distributed about X passed + amplified; weight : independent
     powers for each; prior : its products with the logarithms are independent about `expected`, of unit variance.
     """
-    curvature = np.zeros((*log.shape, RINGS))
     for _ in range(STEPS):
         score, information = np.zeros(log.shape), np.zeros(log.shape)
         for ring, (powers, passed, amplified) in enumerate(terms):
