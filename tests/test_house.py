@@ -1,3 +1,5 @@
+"""Rules of style, format, types and imports, checked by `.ci/check`."""
+
 import os
 import shutil
 import subprocess
@@ -27,7 +29,7 @@ def test_a_wheel_gives_the_five_lines_and_has_types_for_scripts(tmp_path: Path) 
     assert done.stdout.startswith(str(site)), done.stderr
     assert "mtf50_horizontal = " in done.stdout
     # after the types above, whose cache holds the types of other packages
-    if (kept := ROOT / os.environ.get("MYPY_CACHE_DIR", ".mypy_cache")).is_dir():
+    if (kept := ROOT / ".mypy_cache").is_dir():
         shutil.copytree(kept, cache)
     script = tmp_path / "page.py"
     script.write_text("\n".join(python_blocks(PAGES[0])), encoding="utf-8")

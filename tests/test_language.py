@@ -1,3 +1,5 @@
+"""One term for one concept: sources and manual keep to the vocabulary, and a class name has one meaning."""
+
 import ast
 import re
 import tokenize

@@ -1,3 +1,5 @@
+"""The lock file names a version, with hashes, for everything that pyproject.toml asks for, and nothing outside it."""
+
 import re
 import tomllib
 from pathlib import Path

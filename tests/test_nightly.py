@@ -1,3 +1,5 @@
+"""The nightly command: its parts are there, its summary shows what became of each, and the workflow runs them all."""
+
 import importlib.util
 import os
 import re

@@ -1,3 +1,5 @@
+"""What `conftest.py` sets up for all tests."""
+
 import signal
 import subprocess
 import sys

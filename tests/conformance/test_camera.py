@@ -1,3 +1,5 @@
+"""What every camera promises."""
+
 import hashlib
 from dataclasses import replace
 from itertools import islice

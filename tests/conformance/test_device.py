@@ -1,3 +1,5 @@
+"""What every device promises, whatever its kind."""
+
 import pytest
 
 from drivers.errors import DeviceError, LineLost

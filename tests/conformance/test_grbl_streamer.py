@@ -1,3 +1,5 @@
+"""The GRBL twin, driven by somebody else's sender: it counts characters into the buffer of 128 and shares no line."""
+
 import time
 
 import pytest

@@ -1,3 +1,5 @@
+"""The twin's answers beside those recorded from GRBL and grblHAL, line by line. How to record: grbl_transcript.py."""
+
 import importlib.util
 import sys
 from pathlib import Path

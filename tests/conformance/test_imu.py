@@ -1,3 +1,5 @@
+"""What every IMU promises."""
+
 import numpy as np
 import pytest
 

@@ -1,3 +1,5 @@
+"""What every light promises."""
+
 import pytest
 
 from drivers.errors import BadConfiguration

@@ -1,3 +1,5 @@
+"""What every probe promises."""
+
 import math
 
 import pytest

@@ -1,3 +1,5 @@
+"""The TMCL twin on a pseudo-terminal, driven by the maker's own library: its line, its datagrams, its module."""
+
 import time
 
 import pytest

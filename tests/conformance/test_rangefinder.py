@@ -1,3 +1,5 @@
+"""What every rangefinder promises."""
+
 import pytest
 
 from drivers.errors import DeviceError, NoReading

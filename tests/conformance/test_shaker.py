@@ -1,3 +1,5 @@
+"""What every shaker promises."""
+
 import math
 
 import pytest

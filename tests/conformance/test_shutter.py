@@ -1,3 +1,5 @@
+"""What every shutter promises."""
+
 import pytest
 
 from drivers.errors import DeviceError, EmergencyStopped, LineLost, Rejected, SystemClock

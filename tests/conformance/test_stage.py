@@ -1,3 +1,5 @@
+"""What every stage promises."""
+
 from contextlib import contextmanager
 
 import pytest

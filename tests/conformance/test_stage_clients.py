@@ -1,3 +1,5 @@
+"""The twins of stage controllers, driven by published clients, which share no line with our drivers."""
+
 import time
 from collections.abc import Callable
 

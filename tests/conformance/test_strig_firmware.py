@@ -1,3 +1,5 @@
+"""The shutter box's firmware, compiled for this machine, beside its twin: the same lines bring the same answers."""
+
 import ctypes
 import functools
 import operator

@@ -1,3 +1,5 @@
+"""The Zaber twin, driven by the vendor's own library: a client that shares no line with ours."""
+
 import time
 
 import pytest

@@ -1,3 +1,5 @@
+"""Requests to an Alpaca server whose replies are wrong."""
+
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 

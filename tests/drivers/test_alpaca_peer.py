@@ -1,3 +1,5 @@
+"""The drivers of Alpaca devices at a server that others wrote (alpaca-simulators)."""
+
 import threading
 
 import pytest

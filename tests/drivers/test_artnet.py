@@ -1,3 +1,5 @@
+"""Art-Net: a node that lights a lamp, and packets as a published client sends them."""
+
 import socket
 import threading
 

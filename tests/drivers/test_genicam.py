@@ -1,3 +1,5 @@
+"""GenicamCamera through the real Aravis, at its fake GigE Vision camera: another process, over the loopback network."""
+
 import json
 import threading
 

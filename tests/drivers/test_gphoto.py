@@ -1,3 +1,5 @@
+"""GphotoCamera through the real libgphoto2, at its own "Directory Browse" camera: a folder that plays a body."""
+
 import hashlib
 import json
 import os

@@ -1,3 +1,5 @@
+"""Loss is counted, whichever way the device reports it."""
+
 import numpy as np
 import pytest
 

@@ -1,3 +1,5 @@
+"""Micro-Manager's adapters through its real core, at its own demo devices."""
+
 import threading
 import time
 

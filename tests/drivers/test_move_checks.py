@@ -1,3 +1,5 @@
+"""What all stages keep to: one mover, targets and arrivals, and when a position is trusted."""
+
 import pytest
 
 from drivers.errors import Alarm, BadConfiguration, EmergencyStopped, MoveFailed, NotHomed, OutsideTravel, Rejected

@@ -1,3 +1,5 @@
+"""Every parser: any split of the stream gives the same events, garbage never raises, and noise is left behind."""
+
 from collections.abc import Callable
 from typing import Any
 

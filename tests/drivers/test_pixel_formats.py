@@ -1,3 +1,5 @@
+"""Packed pixels: bits laid out by hand, as the naming convention and GigE Vision draw them."""
+
 import numpy as np
 import pytest
 

@@ -1,3 +1,5 @@
+"""Stages that are polled, at their twins: what each protocol says, damage to it, wrong configuration."""
+
 from contextlib import contextmanager
 
 import pytest

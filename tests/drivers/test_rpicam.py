@@ -1,3 +1,5 @@
+"""RpicamCamera at a program that behaves as `rpicam-still`."""
+
 import json
 import sys
 import threading

@@ -1,3 +1,5 @@
+"""Instruments with SCPI: at a byte-level twin, and by pyvisa at pyvisa-sim, which others have written."""
+
 import pytest
 
 from drivers.errors import BadConfiguration, LineLost, NoAnswer, NoReading, Rejected

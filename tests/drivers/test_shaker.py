@@ -1,3 +1,5 @@
+"""The shaker at its twin: the world's camera follows the commanded path, by the same clock as the shot."""
+
 from dataclasses import replace
 
 import numpy as np

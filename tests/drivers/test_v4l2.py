@@ -1,3 +1,5 @@
+"""V4l2Camera at a twin that answers the kernel's requests; the twin, and the structures, against what others wrote."""
+
 import ctypes
 import io
 import json

@@ -1,3 +1,5 @@
+"""The watchdog at its twin: heartbeats keep the motors enabled, and without them every axis has lost its position."""
+
 import threading
 from types import SimpleNamespace
 

@@ -1,3 +1,5 @@
+"""What two stages say on their wires, and when, from connecting to an emergency stop: as it was."""
+
 import re
 from pathlib import Path
 

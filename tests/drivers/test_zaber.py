@@ -1,3 +1,5 @@
+"""What Zaber devices do, and what the driver makes of it."""
+
 from itertools import pairwise
 
 import pytest

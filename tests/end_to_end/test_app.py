@@ -1,3 +1,5 @@
+"""The operator's application on the simulated bench: keys from the first screen to the result, in virtual time."""
+
 import asyncio
 import json
 import os

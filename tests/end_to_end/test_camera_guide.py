@@ -1,3 +1,5 @@
+"""The whole camera in one guided session: the panel, the chart at six places and turned, interrupted on the way."""
+
 import json
 import math
 from dataclasses import replace

@@ -1,3 +1,5 @@
+"""Photographs that a camera processed: the most likely cause first, then the others, in terminal, record and page."""
+
 import json
 import re
 from pathlib import Path

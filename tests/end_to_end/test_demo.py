@@ -1,3 +1,5 @@
+"""The demonstration through its command: its output on a new machine."""
+
 import json
 import os
 import re

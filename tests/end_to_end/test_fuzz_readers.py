@@ -1,3 +1,5 @@
+"""Mutated files of every format end in a result or a stated refusal; the benchmark of that name reads thousands."""
+
 import os
 import re
 import subprocess

@@ -1,3 +1,5 @@
+"""A calibration from the empty room to the report, by an operator who says yes to everything."""
+
 import shutil
 from dataclasses import replace
 from functools import partial

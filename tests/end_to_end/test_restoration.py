@@ -1,3 +1,5 @@
+"""A scene in depth before the simulated bench's shaking rig: image and depth compared with the truth."""
+
 import json
 from dataclasses import replace
 from types import SimpleNamespace

@@ -1,3 +1,5 @@
+"""A sensor, guided: the panel makes the ladder, and the numbers are the simulated sensor's."""
+
 import json
 from dataclasses import replace
 from types import SimpleNamespace

@@ -1,3 +1,5 @@
+"""Random operation with photographs under faults, see `tests/benchmarks/soak.py`: one short seed."""
+
 import pytest
 
 from drivers.shutter import StrigShutter

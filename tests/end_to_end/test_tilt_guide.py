@@ -1,3 +1,5 @@
+"""The loop of a sensor's tilt: measured, screws turned inexactly, measured again, until no improvement is possible."""
+
 from dataclasses import replace
 from types import SimpleNamespace
 

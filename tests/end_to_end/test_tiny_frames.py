@@ -1,3 +1,5 @@
+"""Photographs of a few pixels end every command with a stated refusal."""
+
 import click
 import numpy as np
 import pytest

@@ -1,3 +1,5 @@
+"""The tutorial is typed into a shell line by line, in an empty folder of a machine without a camera."""
+
 import re
 import sys
 

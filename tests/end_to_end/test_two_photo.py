@@ -1,3 +1,5 @@
+"""Two photographs of the simulated bench's wall, from homing to the report, compared with the true optics."""
+
 import math
 from types import SimpleNamespace
 

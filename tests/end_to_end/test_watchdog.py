@@ -1,3 +1,5 @@
+"""A program that is suspended in mid-move: the box of its bench releases the motors, and the program says so later."""
+
 import os
 import signal
 import subprocess

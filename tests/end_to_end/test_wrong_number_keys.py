@@ -1,3 +1,5 @@
+"""A wrong focal length typed into the application on the simulated bench: the screen names it."""
+
 import pytest
 
 from station.app.app import StationApp

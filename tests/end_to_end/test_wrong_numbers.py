@@ -1,3 +1,5 @@
+"""A lens or a print given wrongly on the simulated bench: it is named before the rail moves by it."""
+
 import pickle
 from dataclasses import replace
 

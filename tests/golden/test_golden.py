@@ -1,3 +1,5 @@
+"""The records and pages of all procedures stay as they are: `pytest tests/golden --freeze` writes them anew."""
+
 import json
 from pathlib import Path
 

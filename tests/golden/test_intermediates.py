@@ -1,3 +1,5 @@
+"""Results of single modules that no record of a procedure holds whole: `--freeze` writes them anew."""
+
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import combinations

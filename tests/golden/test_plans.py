@@ -1,3 +1,5 @@
+"""All that guided plans ask, say and decide, for a few benches and photographs: `--freeze` writes it anew."""
+
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path

@@ -1,3 +1,5 @@
+"""Choice of s and k."""
+
 from collections.abc import Callable
 from dataclasses import replace
 

@@ -1,3 +1,5 @@
+"""Clipped samples accumulate at one value; uniform areas with noise, quantised or not, do not."""
+
 import numpy as np
 import pytest
 

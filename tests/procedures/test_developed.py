@@ -1,3 +1,5 @@
+"""Developed pictures: their light, the error of their coding, and their files, by Pillow's and OpenCV's own writers."""
+
 from io import BytesIO
 
 import cv2

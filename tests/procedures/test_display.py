@@ -1,3 +1,5 @@
+"""Results as a short text, as a figure on the caller's axes, and as both in a notebook."""
+
 import subprocess
 import sys
 

@@ -1,3 +1,5 @@
+"""A plan's facts: a mapping as the journal holds it becomes values of their types, and what depends on what."""
+
 import pytest
 
 from procedures.field.plan import FieldFacts

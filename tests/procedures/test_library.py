@@ -1,3 +1,5 @@
+"""The public API: every name exists, is typed, is loaded on first use, and is used in an example of the manual."""
+
 import ast
 import os
 import re

@@ -1,3 +1,5 @@
+"""The table of numbers: complete, without contradiction, and the only place where a number's name is written."""
+
 import ast
 import copy
 import json

@@ -1,3 +1,5 @@
+"""Verdicts of checks, and which cause is shown first."""
+
 import pytest
 
 from procedures.outcome import SYMPTOM, Cause, Check, Outcome, Verdict, verdict_of, with_doubt, worst_of

@@ -1,3 +1,5 @@
+"""Numbers of PSFs whose truth is a formula."""
+
 from math import erf
 
 import numpy as np

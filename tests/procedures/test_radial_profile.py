@@ -1,3 +1,5 @@
+"""The profile against PSFs whose own is known, inside the support and in the tail."""
+
 import csv
 import io
 from dataclasses import replace

@@ -1,3 +1,5 @@
+"""Remedies of all checks: a RAW file is not asked for where one was given."""
+
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import fields

@@ -1,3 +1,5 @@
+"""What GRBL says against its manual, and what the driver makes of it."""
+
 import pytest
 
 from drivers.errors import BadConfiguration, DeviceError, NoAnswer, Rejected

@@ -1,3 +1,5 @@
+"""Travel, rates and places as the controller is set to them."""
+
 import numpy as np
 import pytest
 

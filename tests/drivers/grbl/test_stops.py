@@ -1,3 +1,5 @@
+"""What ends a move of GRBL or a homing, and what is left then."""
+
 import pytest
 
 from drivers.errors import Alarm, EmergencyStopped, Held, MoveFailed, NoAnswer, NotHomed, WasReset

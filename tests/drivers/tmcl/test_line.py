@@ -1,3 +1,5 @@
+"""Datagrams of TMCL: in step, late, cut off, and the stop past all of them."""
+
 import struct
 
 import pytest

@@ -1,3 +1,5 @@
+"""What TMCL modules do, and what the driver makes of it."""
+
 import sys
 
 import pytest

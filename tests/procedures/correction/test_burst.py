@@ -1,3 +1,5 @@
+"""Several photographs of one scene: registration, rejection, and a picture finer than the sensor."""
+
 from dataclasses import replace
 
 import cv2

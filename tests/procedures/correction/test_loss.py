@@ -1,3 +1,5 @@
+"""Error of a picture due to the field: linear propagation compared with corrections through erroneous fields."""
+
 import numpy as np
 import pytest
 

@@ -1,3 +1,5 @@
+"""Blur of a photograph on its sensor's grid, compared with the transfer functions of the field's complete PSFs."""
+
 import numpy as np
 import pytest
 

@@ -1,3 +1,5 @@
+"""Stated error of a developed picture under a wrong tone curve, against the picture under the true one."""
+
 from dataclasses import replace
 
 import numpy as np

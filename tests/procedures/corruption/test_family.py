@@ -1,3 +1,5 @@
+"""How a corruption is reported."""
+
 import math
 
 import pytest

@@ -1,3 +1,5 @@
+"""Unsharp masks found in noise that was white before them; what lenses and paper do to noise is none."""
+
 import cv2
 import numpy as np
 import pytest

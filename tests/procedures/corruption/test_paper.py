@@ -1,3 +1,5 @@
+"""Noise of paper under light that falls off over it."""
+
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter

@@ -1,3 +1,5 @@
+"""The probability that a number lies within two stated uncertainties, from the statistics of its checks."""
+
 import math
 
 import pytest

@@ -1,3 +1,5 @@
+"""Rings around the cores of PSFs whose OTFs are formulae."""
+
 from dataclasses import replace
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Strengths of corruptions in linear systems whose truth is known."""
+
 import numpy as np
 import pytest
 

@@ -1,3 +1,5 @@
+"""Results of many nodes: bracket, planes, verdicts, and their page."""
+
 from dataclasses import replace
 from pathlib import Path
 

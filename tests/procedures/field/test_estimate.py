@@ -1,3 +1,5 @@
+"""Charts of one frame become nodes, in every plane at their positions in that plane."""
+
 from pathlib import Path
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Sagittal and meridional MTF over image height, compared with the simulated lens."""
+
 import numpy as np
 import pytest
 

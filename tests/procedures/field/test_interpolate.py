@@ -1,3 +1,5 @@
+"""The PSF between the nodes, compared with a lens with coma, astigmatism, field curvature and decentring."""
+
 from dataclasses import replace
 
 import numpy as np

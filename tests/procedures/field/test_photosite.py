@@ -1,3 +1,5 @@
+"""An isotropic lens over square photosites: the anisotropy of the camera's maps is theirs."""
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Moves of a field's tour, compared with an independent projection by the bench's geometry."""
+
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,3 +1,5 @@
+"""Nodes of different supports are widened to one without changing their PSFs."""
+
 import numpy as np
 import pytest
 

@@ -1,3 +1,5 @@
+"""Initial estimate of camera and poses, compared with the truth of simulated views."""
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

@@ -1,3 +1,5 @@
+"""mrcal's published solution of a Nikon D750: 186 views of a board of 10 x 10 corners, recovered from the corners."""
+
 import ast
 import base64
 import io

@@ -1,3 +1,5 @@
+"""Doubt about the camera model, with lenses that have terms which the model does not have."""
+
 import numpy as np
 import pytest
 

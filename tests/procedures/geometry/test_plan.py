@@ -1,3 +1,5 @@
+"""Turns of the chart in the guided geometry: in steps robust to distortion, by hand or by the bench."""
+
 from pathlib import Path
 from types import SimpleNamespace
 

@@ -1,3 +1,5 @@
+"""Places in a photograph and on its chart, and the reference camera with its formulas."""
+
 import numpy as np
 import pytest
 

@@ -1,3 +1,5 @@
+"""Cameras on a rig with known poses, which see one chart through lenses that are drawn by OpenCV."""
+
 from dataclasses import replace
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Row time of a shutter, from points that are exposed row by row while the chart moves."""
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

@@ -1,3 +1,5 @@
+"""Spline cameras: derivatives, polynomials, and a lens with waves."""
+
 import numpy as np
 import pytest
 

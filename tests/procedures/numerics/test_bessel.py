@@ -1,3 +1,5 @@
+"""Bessel functions compared with SciPy's, computed by other methods."""
+
 import numpy as np
 import scipy.special
 from scipy.integrate import quad

@@ -1,3 +1,5 @@
+"""The compiled extension computes what array operations do, refuses what it cannot take, and is optional."""
+
 import os
 import shutil
 import subprocess

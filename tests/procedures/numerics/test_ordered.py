@@ -1,3 +1,5 @@
+"""Quantiles and distinct values compared with NumPy's, which interpolate and sort in the same way."""
+
 import numpy as np
 import pytest
 

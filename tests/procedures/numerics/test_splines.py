@@ -1,3 +1,5 @@
+"""The band-limited cell image compared with its definition: integrals of the cells times the sinc kernel."""
+
 import numpy as np
 import pytest
 

@@ -1,3 +1,5 @@
+"""Transforms by OpenCV compared with NumPy's."""
+
 import numpy as np
 import pytest
 

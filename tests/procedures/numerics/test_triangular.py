@@ -1,3 +1,5 @@
+"""Triangular solvers compared with NumPy's general ones."""
+
 import numpy as np
 import pytest
 import scipy.fft

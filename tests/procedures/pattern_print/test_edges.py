@@ -1,3 +1,5 @@
+"""Chart with slanted edges: the chart is unchanged, and two edges in white are added."""
+
 import numpy as np
 import pytest
 

@@ -1,3 +1,5 @@
+"""The PDF as a printer sees it: rendered by pdftoppm at 600 dpi and measured."""
+
 import shutil
 import subprocess
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+"""A chart over several sheets: its cells, each on one sheet, and the marks by which the sheets are joined."""
+
 import re
 import shutil
 import subprocess

@@ -1,3 +1,5 @@
+"""Advice of the checks corrects the actual deviation, compared with the simulator's truth."""
+
 from dataclasses import replace
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Several shots: the mean of least variance, its covariance, and shots that do not belong together."""
+
 from types import SimpleNamespace
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Charts that a program or a lens changed: flagged by name, or within the uncertainty."""
+
 from collections.abc import Callable
 
 import cv2

@@ -1,3 +1,5 @@
+"""Slopes over a session: against another implementation, their uncertainty, and a rail that expands."""
+
 import numpy as np
 import pytest
 from scipy import stats

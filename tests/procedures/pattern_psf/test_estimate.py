@@ -1,3 +1,5 @@
+"""The whole chain against known truth, the published answers, and photographs that must be refused."""
+
 import json
 from dataclasses import replace
 from pathlib import Path

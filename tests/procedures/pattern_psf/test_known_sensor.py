@@ -1,3 +1,5 @@
+"""A sensor calibrated by itself: its bent response is undone and not fitted, its noise weighs the samples."""
+
 from dataclasses import replace
 from functools import cache
 

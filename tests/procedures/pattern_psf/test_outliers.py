@@ -1,3 +1,5 @@
+"""Classification of outliers as defective pixels or covered places."""
+
 import numpy as np
 
 from procedures.pattern_psf.observation import Observation

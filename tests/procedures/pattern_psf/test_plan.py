@@ -1,3 +1,5 @@
+"""Target distance of the plan before the chart is in sight, by lens, print and the sensor's planes."""
+
 from dataclasses import replace
 
 import numpy as np

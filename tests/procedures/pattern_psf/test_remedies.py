@@ -1,3 +1,5 @@
+"""Remedies for unsuitable given s and k, and the first cause of damaged photographs."""
+
 from pathlib import Path
 
 import numpy as np

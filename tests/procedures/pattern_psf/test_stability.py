@@ -1,3 +1,5 @@
+"""Stability of repeated PSFs: the sensitivity of Gaussians is that of their analytic transfer functions."""
+
 import numpy as np
 import pytest
 

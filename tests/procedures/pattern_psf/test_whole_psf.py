@@ -1,3 +1,5 @@
+"""Numbers of the PSF compared with analytic optics of unlimited extent, independent of the method."""
+
 from functools import cache
 
 import cv2

@@ -1,3 +1,5 @@
+"""Witnesses of a PSF: what two exposures, two distances and a defocus show that a single photograph does not."""
+
 from dataclasses import replace
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Recovery of the parts of simulated cameras from their PSFs; simulator and model share no code for the optics."""
+
 from dataclasses import replace
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""NumPy's files: wanted arrays are read, others skipped, and damaged archives raise BadInput."""
+
 import io
 import zipfile
 

@@ -1,3 +1,5 @@
+"""Declared sizes are compared with the limit before anything is decoded: time and memory stay small."""
+
 import subprocess
 import sys
 

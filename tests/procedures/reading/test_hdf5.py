@@ -1,3 +1,5 @@
+"""Files with which the HDF5 library does not terminate are stopped in a separate process."""
+
 import h5py
 import numpy as np
 import pytest

@@ -1,3 +1,5 @@
+"""Sensor dumps: parsing of layouts, and files that disagree with them."""
+
 import numpy as np
 import pytest
 

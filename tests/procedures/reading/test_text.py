@@ -1,3 +1,5 @@
+"""Text formats: numbers that no float or array takes are refused where they are read."""
+
 import pytest
 
 from procedures.outcome import BadInput

@@ -1,3 +1,5 @@
+"""Comparison of a restoration with a sharp photograph, for scenes of known truth."""
+
 from dataclasses import replace
 
 import numpy as np

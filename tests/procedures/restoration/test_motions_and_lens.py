@@ -1,3 +1,5 @@
+"""The plan for a lens's blur in addition to recorded motions: questions, doubts, and the blur."""
+
 from pathlib import Path
 
 import numpy as np

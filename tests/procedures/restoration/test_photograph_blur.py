@@ -1,3 +1,5 @@
+"""Masks from the specification of the blur."""
+
 import numpy as np
 import pytest
 

@@ -1,3 +1,5 @@
+"""The plan of a restoration: its checks of the photographs, and the estimate."""
+
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace

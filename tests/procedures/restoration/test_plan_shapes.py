@@ -1,3 +1,5 @@
+"""The plan of a restoration with measured shapes: refusals when they are named, and the blur."""
+
 from pathlib import Path
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""A picture refocused: convolution where the scene is flat, nothing over what is nearer, sharp in focus."""
+
 import math
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""A motion record whose times are late is put right by the photographs, within what is known of the clocks."""
+
 from dataclasses import replace
 from functools import partial
 from pathlib import Path

@@ -1,3 +1,5 @@
+"""Every number compared with the parameters of the simulated sensor; refusals by name."""
+
 from dataclasses import replace
 
 import numpy as np

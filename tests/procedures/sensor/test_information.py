@@ -1,3 +1,5 @@
+"""NEQ of a known sensor with a known PSF; sharpening and smoothing do not change it."""
+
 import numpy as np
 import pytest
 import scipy.ndimage

@@ -1,3 +1,5 @@
+"""Coverage of the intervals, in draws."""
+
 from dataclasses import replace
 
 import numpy as np

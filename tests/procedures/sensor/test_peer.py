@@ -1,3 +1,5 @@
+"""The same pictures through the published reference program for EMVA 1288, by its own data set and simulator."""
+
 import warnings
 from pathlib import Path
 

@@ -1,3 +1,5 @@
+"""Checks of a picture by the guided sensor measurement, with and without a controlled panel."""
+
 import math
 from pathlib import Path
 

@@ -1,3 +1,5 @@
+"""Numbers of a sensor whose noise is less than a digital number, against pictures that were rounded."""
+
 import numpy as np
 import pytest
 

@@ -1,3 +1,5 @@
+"""Edges that a program, a rough print or vibration changed: flagged by name, or within the uncertainty."""
+
 import re
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,3 +1,5 @@
+"""MTF across simulated edges against the true optics, uncertainties against the scatter of errors, and refusals."""
+
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,3 +1,5 @@
+"""Where edges are looked for without a region."""
+
 import numpy as np
 import pytest
 from scipy.special import ndtr

@@ -1,3 +1,5 @@
+"""Edges of analytic OTFs, clipped edges, and the verdict of each edge of a frame."""
+
 from dataclasses import replace
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Computations of the guided tilt: distance of the chart, distances of the bracket, and turns."""
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

@@ -1,3 +1,5 @@
+"""Simulated sensors with known tilt, backfocus and screws, and brackets of a simulated lens."""
+
 from dataclasses import replace
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""The PSF from the noise chart and from a wall, through the same simulated optics."""
+
 import numpy as np
 import pytest
 

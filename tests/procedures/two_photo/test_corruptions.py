@@ -1,3 +1,5 @@
+"""Walls that a program or a lens changed: flagged by name; clean ones by none of the tests."""
+
 from collections.abc import Callable
 
 import cv2

@@ -1,3 +1,5 @@
+"""Diagnostics of kernels and covariances whose answers are known."""
+
 from types import SimpleNamespace
 from typing import Any
 

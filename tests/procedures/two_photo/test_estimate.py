@@ -1,3 +1,5 @@
+"""The complete estimate of walls with known optics and of published photographs, and its refusals."""
+
 from collections.abc import Callable
 from pathlib import Path
 

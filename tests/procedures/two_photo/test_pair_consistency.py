@@ -1,3 +1,5 @@
+"""Consistency of two photographs, and its effect on uncertainties and verdicts."""
+
 from types import SimpleNamespace
 
 import numpy as np

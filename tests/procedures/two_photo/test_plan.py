@@ -1,3 +1,5 @@
+"""Plan of the two photographs: checks of wall and light, and the resulting PSF."""
+
 from collections.abc import Hashable
 from pathlib import Path
 from typing import Any

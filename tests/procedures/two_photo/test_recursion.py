@@ -1,3 +1,5 @@
+"""The recursion for OTFs with a kernel in closed form."""
+
 from collections.abc import Callable
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Which check fails for one bad number among good ones, and how strong its evidence is."""
+
 from dataclasses import fields, replace
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""The numbers for analytic OTFs with infinite PSFs: errors must be consistent with uncertainties."""
+
 import numpy as np
 import pytest
 

@@ -1,3 +1,5 @@
+"""Flats of a lens with decentred vignetting, under uneven light."""
+
 import numpy as np
 import pytest
 

@@ -1,3 +1,5 @@
+"""Writing and reading of a camera's file, and refusal of others."""
+
 import h5py
 import numpy as np
 import pytest

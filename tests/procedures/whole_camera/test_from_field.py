@@ -1,3 +1,5 @@
+"""Parts of a camera from simulated charts: their covariance compared with that of draws."""
+
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 

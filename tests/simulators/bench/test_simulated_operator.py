@@ -1,3 +1,5 @@
+"""What the simulated person does who restores: the ring of apertures, the time, and what shakes the rig."""
+
 import numpy as np
 import pytest
 

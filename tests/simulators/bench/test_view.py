@@ -1,3 +1,5 @@
+"""The bench's camera sees the bench: where the stage put it, how it shook meanwhile, how bright the lamp was."""
+
 from dataclasses import replace
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Sheets as the camera sees them: contrast, place and overlap as optics and geometry have them."""
+
 import numpy as np
 import pytest
 

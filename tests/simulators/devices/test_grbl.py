@@ -1,3 +1,5 @@
+"""The GRBL twin against GRBL's documents: what the interface and jogging pages say it answers."""
+
 import re
 
 import pytest

@@ -1,3 +1,5 @@
+"""The twins as other programs meet them: through pseudo-terminals and TCP, in real time."""
+
 import os
 
 import pytest

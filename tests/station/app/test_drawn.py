@@ -1,3 +1,5 @@
+"""Images and curves in characters, compared with their data."""
+
 import asyncio
 import unicodedata
 

@@ -1,3 +1,5 @@
+"""What holds on every screen: the emergency stop, help, commands by name, strings that mean harm."""
+
 import threading
 import time
 

@@ -1,3 +1,5 @@
+"""Live focus, driven by keys."""
+
 import threading
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,3 +1,5 @@
+"""Pictures in a terminal's own graphics: what it reports, and what a decoder by the specification sees of them."""
+
 import base64
 import re
 import zlib

@@ -1,3 +1,5 @@
+"""The guide, driven by keys, with runs that are scripts."""
+
 import threading
 from dataclasses import replace
 from pathlib import Path

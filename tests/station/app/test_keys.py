@@ -1,3 +1,5 @@
+"""Effects of keys: no accidental move, no second run, no dialog twice, no lost key."""
+
 import asyncio
 import threading
 from functools import partial

@@ -1,3 +1,5 @@
+"""The mailbox between a run and its operator, and jobs."""
+
 import threading
 from unittest.mock import Mock
 

@@ -1,3 +1,5 @@
+"""Progress display of the guide during work and with a question."""
+
 import threading
 from dataclasses import replace
 

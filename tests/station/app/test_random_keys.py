@@ -1,3 +1,5 @@
+"""Whatever is typed: no crash, no move that was not confirmed, no second run."""
+
 import pytest
 
 from .random_keys import press_at_random

@@ -1,3 +1,5 @@
+"""The bench and the results, driven by keys."""
+
 import json
 import threading
 from dataclasses import replace

@@ -1,3 +1,5 @@
+"""The program before a real terminal: a pseudo-terminal that is typed into, closed, or never there."""
+
 import fcntl
 import os
 import pty

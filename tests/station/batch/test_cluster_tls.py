@@ -1,3 +1,5 @@
+"""A cluster that speaks TLS: who has its authority's certificate works with it, nobody else gets in."""
+
 import pytest
 
 from procedures.outcome import BadParameter

@@ -1,3 +1,5 @@
+"""Batches of edges, of fields and of a series are the same work as that of their commands."""
+
 import json
 
 import cv2

@@ -1,3 +1,5 @@
+"""Processes that die: the item is named, the rest is finished."""
+
 import os
 import re
 import signal

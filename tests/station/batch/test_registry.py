@@ -1,3 +1,5 @@
+"""A batch of every procedure of the registry: limits, record and schema, page, certificate, and no work done twice."""
+
 import json
 import shutil
 from collections.abc import Callable

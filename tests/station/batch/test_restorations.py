@@ -1,3 +1,5 @@
+"""Batches of restorations: what their file says, which photographs belong together, and that all restore alike."""
+
 import json
 import pickle
 import shutil

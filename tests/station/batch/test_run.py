@@ -1,3 +1,5 @@
+"""Batches through the command and its function: what is found, named, kept, resumed, and where it may write."""
+
 import csv
 import errno
 import hashlib

@@ -1,3 +1,5 @@
+"""A series: photographs of one setting together, the best aperture and how sure it is, its table and page."""
+
 import csv
 import io
 

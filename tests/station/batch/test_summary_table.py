@@ -1,3 +1,5 @@
+"""Rows of a batch on the disk, and the summary as CSV and Parquet from them."""
+
 import csv
 import dataclasses
 

@@ -1,3 +1,5 @@
+"""Commissioning of a stage at the simulated bench: consent, reported settings, recommended changes, the table."""
+
 import tomllib
 
 import pytest

@@ -1,3 +1,5 @@
+"""The delay of a cable, from taps that two inertial units feel."""
+
 import pytest
 
 from drivers.errors import BadConfiguration

@@ -1,3 +1,5 @@
+"""The trials of `station conform`: every stage's driver at its twin; those that they refuse are in test_toy_stage."""
+
 from functools import partial
 
 import numpy as np

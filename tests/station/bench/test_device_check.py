@@ -1,3 +1,5 @@
+"""Wrong station.toml files: each refused with key, value, line and remedy, in words that are not Python's."""
+
 import re
 import tomllib
 

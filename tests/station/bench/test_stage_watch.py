@@ -1,3 +1,5 @@
+"""What a front end is shown of a stage before, in and after a motion; the stage's motion is a list of places."""
+
 from types import SimpleNamespace
 
 import pytest

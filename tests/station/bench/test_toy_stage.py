@@ -1,3 +1,5 @@
+"""A stage's driver of a package outside: one file of at most 180 lines is configured, listed, and proves itself."""
+
 import importlib
 import json
 import re

@@ -1,3 +1,5 @@
+"""The record of a chart's scale, and what camera.h5 holds of it."""
+
 import re
 import runpy
 from pathlib import Path

@@ -1,3 +1,5 @@
+"""Which photographs a batch finds, and what it makes of their names."""
+
 import os
 from pathlib import Path
 

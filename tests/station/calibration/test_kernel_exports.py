@@ -1,3 +1,5 @@
+"""Filters as other programs apply them, compared with the convolutions by SciPy."""
+
 import shutil
 import subprocess
 import sys

@@ -1,3 +1,5 @@
+"""Distortion, lateral colour and vignetting for lensfun and as a DNG's opcodes, undone as these would undo them."""
+
 import json
 import struct
 import xml.etree.ElementTree as ElementTree

@@ -1,3 +1,5 @@
+"""PSF fields as files of other programs: read by these where they are installed, by the formats' own rules anyway."""
+
 import io
 
 import numpy as np

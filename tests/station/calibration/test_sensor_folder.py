@@ -1,3 +1,5 @@
+"""The manifest of a sensor's pictures in its formats, and invalid ones."""
+
 import os
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Validation of a sensor's record and noise spectrum."""
+
 import copy
 import json
 from types import SimpleNamespace

@@ -1,3 +1,5 @@
+"""`station conform`: page and record, and what is missing."""
+
 import re
 
 import pytest

@@ -1,3 +1,5 @@
+"""`station explain`: causes and budgets of results and batches, and what the digital twin predicts."""
+
 import json
 import math
 from dataclasses import replace

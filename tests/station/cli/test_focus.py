@@ -1,3 +1,5 @@
+"""`station focus`: where photographs may come from, and what is written of each."""
+
 import json
 import math
 

@@ -1,3 +1,5 @@
+"""`station --plain` as a program: pipes, the end of input, Ctrl-C, exit codes."""
+
 import os
 import signal
 import subprocess

@@ -1,3 +1,5 @@
+"""Help of every command: options in groups and an example whose options exist; completion; options of all commands."""
+
 import os
 import pty
 import select

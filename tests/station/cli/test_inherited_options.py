@@ -1,3 +1,5 @@
+"""Options before a command: each command takes them, or says in a usage error that they do not apply to it."""
+
 import json
 import os
 import select

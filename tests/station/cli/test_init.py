@@ -1,3 +1,5 @@
+"""`station init`: what it writes can be read as it stands, and every line that is commented out means something."""
+
 import re
 from dataclasses import fields
 

@@ -1,3 +1,5 @@
+"""`station mtf edge`: its files, its record, and its exit codes."""
+
 import csv
 import json
 

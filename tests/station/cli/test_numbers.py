@@ -1,3 +1,5 @@
+"""No numeric option takes NaN, infinity or a number out of all measure: each ends in exit code 2, which names it."""
+
 import click
 import pytest
 

@@ -1,3 +1,5 @@
+"""The program as a process: what a shell sees."""
+
 import json
 import subprocess
 import sys

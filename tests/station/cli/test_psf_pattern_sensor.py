@@ -1,3 +1,5 @@
+"""`station psf pattern --sensor`: the result of `station sensor` is read back and used."""
+
 import csv
 import json
 from dataclasses import asdict

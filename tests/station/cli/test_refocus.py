@@ -1,3 +1,5 @@
+"""`station refocus`: a restoration's picture with another aperture and focus, and what it cannot work on."""
+
 import json
 import re
 import shutil

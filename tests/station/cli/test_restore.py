@@ -1,3 +1,5 @@
+"""`station restore` from files to files, on a corner of the shared photographs."""
+
 import json
 from functools import partial, partialmethod
 

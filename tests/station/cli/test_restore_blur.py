@@ -1,3 +1,5 @@
+"""`station restore` with the blur given by an IMU's records, by a measured PSF, and by a field of them."""
+
 import json
 from dataclasses import replace
 from functools import partial

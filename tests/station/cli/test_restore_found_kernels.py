@@ -1,3 +1,5 @@
+"""`station restore` writes the kernels of a flat scene's motions, and accepts them as input."""
+
 import json
 
 import cv2

@@ -1,3 +1,5 @@
+"""`station restore` with kernels measured in pixels, on two photographs of a flat scene as camera files."""
+
 import json
 
 import cv2

@@ -1,3 +1,5 @@
+"""`station restore --metres`: required camera data, and the distances."""
+
 import json
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""`station restore --reference`: a result compared with a sharp photograph, from files to files."""
+
 import json
 import shutil
 

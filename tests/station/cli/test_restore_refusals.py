@@ -1,3 +1,5 @@
+"""Refusals of `station restore`: exit code, requirement and input, remedy, and no folder left behind."""
+
 import cv2
 import numpy as np
 import pytest

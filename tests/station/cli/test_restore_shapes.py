@@ -1,3 +1,5 @@
+"""`station restore` with another focus, additional defocus, a symmetric lens, and given camera poses."""
+
 import json
 
 import cv2

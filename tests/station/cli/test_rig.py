@@ -1,3 +1,5 @@
+"""`station rig`: results of geometry become the poses of the cameras by the first."""
+
 import json
 from pathlib import Path
 

@@ -1,3 +1,5 @@
+"""`station sensor`: grey pictures with a manifest, RAW files of the bench's sensor, its files and exit codes."""
+
 import csv
 import json
 import xml.etree.ElementTree as ElementTree

@@ -1,3 +1,5 @@
+"""`--raw`: every command that reads photographs takes a sensor's dump, as it takes the same picture in a file."""
+
 import json
 
 import pytest

@@ -1,3 +1,5 @@
+"""`station serve` in the terminal: what it says, what it refuses, how it ends."""
+
 import json
 import signal
 import subprocess

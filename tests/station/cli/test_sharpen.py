@@ -1,3 +1,5 @@
+"""`station sharpen`: which procedure it chooses, that it says why, and that every decision can be overridden."""
+
 import json
 
 import cv2

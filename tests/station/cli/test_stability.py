@@ -1,3 +1,5 @@
+"""`station psf stability`: numbers, table and page from the folders of results, and results without a PSF."""
+
 import json
 
 import numpy as np

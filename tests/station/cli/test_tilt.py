@@ -1,3 +1,5 @@
+"""What `station tilt` must know is asked for before any photograph is measured."""
+
 import numpy as np
 import pytest
 

@@ -1,3 +1,5 @@
+"""`--trust-typed`: typed settings against the camera's metadata, in every command with the option."""
+
 import json
 
 import pytest

@@ -1,3 +1,5 @@
+"""A certificate is compared with its signature, record and originals, and its numbers are computed again."""
+
 import json
 import shutil
 import subprocess

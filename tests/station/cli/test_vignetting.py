@@ -1,3 +1,5 @@
+"""`station vignetting`: flats that cannot be read."""
+
 import json
 
 import cv2

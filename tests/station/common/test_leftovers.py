@@ -1,3 +1,5 @@
+"""What a killed run left behind is removed by the next one; what another run holds is not touched."""
+
 import os
 import signal
 import stat

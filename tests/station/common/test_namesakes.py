@@ -1,3 +1,5 @@
+"""A foreign package of the same name is named at the start, with the way out."""
+
 import os
 import subprocess
 import sys

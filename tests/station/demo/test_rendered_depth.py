@@ -1,3 +1,5 @@
+"""A rendered scene in depth, from its light to the restored depth, on a small picture."""
+
 import json
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""What the devices of a run report of themselves."""
+
 from station.guide.active_devices import ActiveDevices
 
 

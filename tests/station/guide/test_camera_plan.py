@@ -1,3 +1,5 @@
+"""Use of the sensor model for the PSFs of a whole-camera session, plane by plane."""
+
 from types import SimpleNamespace
 
 import pytest

@@ -1,3 +1,5 @@
+"""The coach: previews while a person corrects a pose, a question that the photographs answer, and the progress."""
+
 import threading
 from dataclasses import dataclass, field
 from math import inf

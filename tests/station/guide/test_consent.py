@@ -1,3 +1,5 @@
+"""Nothing moves without approval: what is asked, when, and the meaning of "no"."""
+
 import pytest
 
 from procedures.plan import Advice, Go, Look

@@ -1,3 +1,5 @@
+"""Handling of numbers that contradict a photograph, and of moves without improvement."""
+
 from dataclasses import dataclass
 
 from procedures.plan import Advice, Ask, CameraFacts, Look, Plan, Reading, Shoot, Step, derived_from

@@ -1,3 +1,5 @@
+"""Answers of the operator compared with the camera's metadata."""
+
 from types import SimpleNamespace
 
 import pytest

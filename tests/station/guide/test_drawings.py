@@ -1,3 +1,5 @@
+"""The drawings of every plan's steps fit the smallest terminal."""
+
 import pytest
 
 from procedures.drawings.steps import DRAWINGS

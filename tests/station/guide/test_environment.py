@@ -1,3 +1,5 @@
+"""Readings of probes in the session, the record and the report; drift over a session."""
+
 from dataclasses import replace
 from types import SimpleNamespace
 

@@ -1,3 +1,5 @@
+"""The general plan: the settings of a procedure as questions, and the photographs that it requires."""
+
 from pathlib import Path
 from typing import Annotated, Literal
 

@@ -1,3 +1,5 @@
+"""The guide as lines: output, valid input, and every way to stop."""
+
 import io
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Sources of photographs for live focus, and its results."""
+
 import itertools
 
 import cv2

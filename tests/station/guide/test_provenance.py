@@ -1,3 +1,5 @@
+"""Provenance of input numbers, and the evidence compared with them."""
+
 from pathlib import Path
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""A session's results are recomputed bitwise from its folder; differences are named."""
+
 import json
 import shutil
 from dataclasses import replace

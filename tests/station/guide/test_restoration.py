@@ -1,3 +1,5 @@
+"""The plan of a restoration without a bench, and the stored IMU records on one."""
+
 import json
 import shutil
 from dataclasses import replace

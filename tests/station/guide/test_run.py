@@ -1,3 +1,5 @@
+"""A run carries out its plan, stores everything, and turns every error into a message and a question."""
+
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path

@@ -1,3 +1,5 @@
+"""A session resumes only on the bench on which it began; another is refused before any connection."""
+
 import socket
 from contextlib import closing
 

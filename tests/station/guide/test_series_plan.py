@@ -1,3 +1,5 @@
+"""The guided series over aperture and focus: the advice at each setting, and which setting is the best."""
+
 from dataclasses import replace
 from types import SimpleNamespace
 

@@ -1,3 +1,5 @@
+"""A tour of places: one shot that counts at each, corrections, skipped places, interruptions."""
+
 import json
 
 import pytest

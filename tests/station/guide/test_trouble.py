@@ -1,3 +1,5 @@
+"""After any fault of the bench a run ends in order, and the session keeps every photograph."""
+
 import hashlib
 import os
 

@@ -1,3 +1,5 @@
+"""The plan of the two photographs without a bench: the operator photographs, and the files arrive in a folder."""
+
 import json
 
 import cv2

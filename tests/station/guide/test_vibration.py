@@ -1,3 +1,5 @@
+"""Settling is detected by the IMU relative to its own noise, or by the decay time of the slowest mode."""
+
 import math
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""The guided plan of a witnessed PSF: what each photograph requires, and the whole of it on the simulated bench."""
+
 import json
 from dataclasses import replace
 

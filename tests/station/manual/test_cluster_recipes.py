@@ -1,3 +1,5 @@
+"""The recipes for SLURM and Kubernetes in the manual, as far as they show without a cluster."""
+
 import ast
 import re
 import shlex

@@ -1,3 +1,5 @@
+"""The command lines that the manual and the README show are run as they stand."""
+
 import re
 import shlex
 from functools import partial

@@ -1,3 +1,5 @@
+"""Documents stay short: table cells, README and changelog."""
+
 import re
 from pathlib import Path
 

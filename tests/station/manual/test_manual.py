@@ -1,3 +1,5 @@
+"""The manual: links lead somewhere, nothing in its reference is forgotten, it reads in terminal and browser."""
+
 import inspect
 import re
 from dataclasses import fields

@@ -1,3 +1,5 @@
+"""The manual's Python as notebooks: every cell is run, and every public name of the library is used in one."""
+
 import ast
 import json
 from pathlib import Path

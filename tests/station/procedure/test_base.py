@@ -1,3 +1,5 @@
+"""The base class of procedures of photographs, with a procedure of three lines."""
+
 from types import SimpleNamespace
 
 import cv2

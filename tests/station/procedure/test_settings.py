@@ -1,3 +1,5 @@
+"""Settings as one model: read from TOML with the key, the value and what it must be; drawn as options."""
+
 from pathlib import Path
 from typing import Annotated, Literal
 

@@ -1,3 +1,5 @@
+"""A procedure of a package outside: one file of at most 60 lines gets every ability."""
+
 import json
 from functools import partial
 from pathlib import Path

@@ -1,3 +1,5 @@
+"""A batch's page: counts of both verdicts, distributions by camera, every item with its link."""
+
 import html5lib
 import pytest
 

@@ -1,3 +1,5 @@
+"""The certificate: one page with both verdicts and every uncertainty expanded, as HTML and as PDF."""
+
 import base64
 import re
 

@@ -1,3 +1,5 @@
+"""The record of a driver's trials: its digest, its signature, its page."""
+
 import json
 import re
 

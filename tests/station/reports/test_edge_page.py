@@ -1,3 +1,5 @@
+"""The page and the certificate of slanted edges, on a drawn edge of known MTF50, beside a plane without one."""
+
 from dataclasses import replace
 from pathlib import Path
 

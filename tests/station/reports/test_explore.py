@@ -1,3 +1,5 @@
+"""The part of a page that a script makes, in a browser: places, units, other results, limits."""
+
 import json
 import re
 from dataclasses import replace

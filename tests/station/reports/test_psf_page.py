@@ -1,3 +1,5 @@
+"""A calibration's page: what it says, that it stands alone, and how a browser shows it."""
+
 import re
 from dataclasses import replace
 from types import SimpleNamespace

@@ -1,3 +1,5 @@
+"""What other programs read: FITS by its standard, TIFF, the radial profile and the numbers."""
+
 import csv
 import io
 import math

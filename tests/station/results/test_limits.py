@@ -1,3 +1,5 @@
+"""Guard bands: the same number meets its limit, is undecided or does not by how far its uncertainty reaches."""
+
 from dataclasses import replace
 from functools import lru_cache
 

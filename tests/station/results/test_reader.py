@@ -1,3 +1,5 @@
+"""Records of every procedure read back as they were written, and damaged ones refused."""
+
 import json
 import math
 import os

@@ -1,3 +1,5 @@
+"""The schemas, shipped and generated, describe the records that are written, and refuse others."""
+
 import copy
 import json
 from dataclasses import replace

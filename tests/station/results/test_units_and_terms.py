@@ -1,3 +1,5 @@
+"""Units of frequencies, what is asked of a result, the conditions it was made in, and its seal."""
+
 import hashlib
 import json
 import math

@@ -1,3 +1,5 @@
+"""Who may ask what."""
+
 import base64
 import json
 import socket

@@ -1,3 +1,5 @@
+"""The ASCOM Initiative's own client drives every member of the bench's Alpaca devices."""
+
 import json
 import socket
 import threading

@@ -1,3 +1,5 @@
+"""The ASCOM Initiative's own client photographs with the bench's camera."""
+
 import threading
 from types import SimpleNamespace
 

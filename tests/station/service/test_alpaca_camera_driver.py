@@ -1,3 +1,5 @@
+"""The driver of Alpaca's cameras at the bench's own server, and at servers that are not as they should be."""
+
 import threading
 import time
 

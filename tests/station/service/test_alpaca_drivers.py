@@ -1,3 +1,5 @@
+"""The drivers of Alpaca's devices at the bench's own server: what every stage, camera, light and shutter promises."""
+
 import socket
 import threading
 from types import SimpleNamespace

@@ -1,3 +1,5 @@
+"""Clients that connect and do not ask leave room for those that do, and files for the run."""
+
 import os
 import socket
 import subprocess

@@ -1,3 +1,5 @@
+"""Runs are started, answered and stopped by other programs; the bench reports its state."""
+
 import threading
 
 import numpy as np

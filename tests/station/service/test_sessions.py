@@ -1,3 +1,5 @@
+"""Sessions, results and journals are read by other programs."""
+
 import json
 import shutil
 import sys

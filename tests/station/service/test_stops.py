@@ -1,3 +1,5 @@
+"""A stop gets through, whatever hangs: over HTTP, from the phone page, and over Alpaca."""
+
 import json
 import time
 

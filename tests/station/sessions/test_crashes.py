@@ -1,3 +1,5 @@
+"""The power is cut, or the disk is full, at every single operation of a session."""
+
 import pytest
 
 from procedures.outcome import ProcedureError

@@ -1,3 +1,5 @@
+"""A journal that lost its end, at a line's end or inside one: nothing is written over or lost, and it is said."""
+
 import os
 import shutil
 from itertools import pairwise

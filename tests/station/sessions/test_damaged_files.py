@@ -1,3 +1,5 @@
+"""Every file of a finished session, deleted, emptied, flipped: named by show, and by list where it is of a result."""
+
 import os
 import shutil
 from pathlib import Path

@@ -1,3 +1,5 @@
+"""Nothing typed or found writes outside the session's folder, whatever it is called and wherever links lead."""
+
 import re
 import tomllib
 

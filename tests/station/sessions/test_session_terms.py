@@ -1,3 +1,5 @@
+"""A session's specification: frozen when it begins, compared with every result, reported as text and exit code."""
+
 import numpy as np
 import pytest
 

@@ -1,3 +1,5 @@
+"""Wrong numbers about lens, sensor and print are named: by the thin lens's own formula, no photograph."""
+
 import re
 from dataclasses import replace
 

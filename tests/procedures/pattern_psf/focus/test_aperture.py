@@ -1,3 +1,5 @@
+"""A typed f-number against the photograph's own far tail and what diffraction lets pass."""
+
 from dataclasses import replace
 from types import SimpleNamespace
 

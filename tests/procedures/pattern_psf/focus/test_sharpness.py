@@ -1,3 +1,5 @@
+"""Sharpness of one photograph after the other, against the simulated camera's true MTF."""
+
 from dataclasses import replace
 
 import numpy as np

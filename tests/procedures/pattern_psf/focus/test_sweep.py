@@ -1,3 +1,5 @@
+"""The top of a sweep."""
+
 import math
 
 import numpy as np

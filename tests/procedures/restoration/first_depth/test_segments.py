@@ -1,3 +1,5 @@
+"""Depth maps cut along their edges: connected parts, and their extrapolation beyond the border."""
+
 import numpy as np
 import pytest
 

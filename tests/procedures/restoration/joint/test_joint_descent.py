@@ -1,3 +1,5 @@
+"""Algorithm I on a small vibrating scene with a depth edge: properties of one restoration."""
+
 from dataclasses import replace
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Kernels in the sensor's own pixels."""
+
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,3 +1,5 @@
+"""Motion between photographs, detected from the residual of a restoration."""
+
 from dataclasses import replace
 
 import numpy as np

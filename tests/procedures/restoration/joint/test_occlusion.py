@@ -1,3 +1,5 @@
+"""Occlusion at depth edges: detection, and uncertainties there in ray-traced scenes."""
+
 import numpy as np
 import pytest
 

@@ -1,3 +1,5 @@
+"""Expected error of the picture, and noise separated from errors of the masks, for simulated truth."""
+
 import math
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Restarted regions: a deliberately misplaced depth edge is detected by its residual and corrected."""
+
 import numpy as np
 import pytest
 

@@ -1,3 +1,5 @@
+"""Loops over arrays compared with NumPy and SciPy, to rounding."""
+
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, laplace

@@ -1,3 +1,5 @@
+"""Space-variant operators: identities that hold to rounding, and FFT convolution where depth is constant."""
+
 import numpy as np
 import pytest
 from scipy.signal import fftconvolve

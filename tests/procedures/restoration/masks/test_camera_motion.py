@@ -1,3 +1,5 @@
+"""A rig that translates and rotates: poses from an inertial unit on it, and the resulting blur over the frame."""
+
 from dataclasses import replace
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Masks that vary over the frame: one stack is a grid of one, and a field restores the blur of the field."""
+
 import numpy as np
 import pytest
 

@@ -1,3 +1,5 @@
+"""Measured PSFs as shapes: the mask of the measured half-width is the PSF, and a lens with vignetting is restored."""
+
 import numpy as np
 import pytest
 

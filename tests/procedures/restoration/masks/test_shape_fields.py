@@ -1,3 +1,5 @@
+"""Shapes over the frame, and motion convolved with them."""
+
 import numpy as np
 import pytest
 

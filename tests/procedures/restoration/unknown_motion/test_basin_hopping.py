@@ -1,3 +1,5 @@
+"""Local minima of descent, and their escape by curves of a pool and by random bends."""
+
 import numpy as np
 import pytest
 

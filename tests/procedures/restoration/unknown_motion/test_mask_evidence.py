@@ -1,3 +1,5 @@
+"""Evidence of tiles on masks: none from a common picture or a depth, the rest as a sum of squares."""
+
 import numpy as np
 import pytest
 

@@ -1,3 +1,5 @@
+"""Subpixel curves: their masks, and their estimation from masks."""
+
 import numpy as np
 import pytest
 

@@ -1,3 +1,5 @@
+"""Pairs of curves that the frame around a flat part contradicts weakly and strongly."""
+
 import numpy as np
 
 from procedures.restoration.unknown_motion.cross_relation import Disagreement

@@ -1,3 +1,5 @@
+"""Refinement of paths from a flat part by other depths."""
+
 import numpy as np
 import pytest
 

@@ -1,3 +1,5 @@
+"""Recorded motion: known paths with unknown size in the flat part and unknown relative shift."""
+
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, shift

@@ -1,3 +1,5 @@
+"""Correction of rotation and zoom between photographs of a flat scene before their kernels are estimated."""
+
 import cv2
 import numpy as np
 import pytest

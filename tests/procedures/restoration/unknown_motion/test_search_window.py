@@ -1,3 +1,5 @@
+"""Choice of the window for the search of motion paths."""
+
 import numpy as np
 import pytest
 
