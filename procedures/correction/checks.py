@@ -24,11 +24,6 @@ MOST_CROPPED = 0.03
 """Fraction of a side by which a developed picture may be smaller than the sensor."""
 
 
-def _whole(shape: tuple[int, ...], field: tuple[int, int]) -> bool:
-    """Whether planes are of the size of a mosaic's whole frame, or a little smaller."""
-    return all(0 <= 1 - n / (2 * m) <= MOST_CROPPED for n, m in zip(shape, field, strict=True))
-
-
 def check_fields(planes: Mapping[str, Plane], fields: Mapping[str, PsfField], *, developed: bool = False) -> None:
     """Refuse a field of other planes or of another sensor.
 
@@ -43,7 +38,10 @@ def check_fields(planes: Mapping[str, Plane], fields: Mapping[str, PsfField], *,
                 "measure the field from photographs of the same kind, with all planes (--plane all)",
             )
         rows, columns = fields[name].shape
-        if (rows, columns) != plane.samples.shape and not (developed and _whole(plane.samples.shape, (rows, columns))):
+        cropped = [1 - n / (2 * m) for n, m in zip(plane.samples.shape, (rows, columns), strict=True)]
+        if (rows, columns) != plane.samples.shape and not (
+            developed and 0 <= min(cropped) <= max(cropped) <= MOST_CROPPED
+        ):
             raise BadInput(
                 f"plane {name} of the field has {columns} x {rows} pixels, the photograph's has "
                 f"{plane.samples.shape[1]} x {plane.samples.shape[0]}",

@@ -119,20 +119,13 @@ def correct(
 ) -> Outcome[Correction]:  # fmt: skip
     """Correct one photograph or several for the blur of their lens.
 
-    Parameters
-    ----------
     frame : the photograph, linear: a grey plane, also as an array (rows, columns), the four of a mosaic, or a developed
-        picture's, of which green is named G1
-    fields : by plane
-    shifts : by plane, its lateral colour relative to the reference plane, which is corrected
-    progress : called with the numbers of tiles done and in total
-    others : further photographs of the same scene, moved by some pixels; those of another scene are set aside
+    picture's, of which green is named G1; fields : by plane; shifts : by plane, its lateral colour relative to the
+    reference plane, which is corrected; progress : called with the numbers of tiles done and in total; others : further
+    photographs of the same scene, moved by some pixels; those of another scene are set aside.
 
-    Raises
-    ------
-    BadInput, Refused
-        If the field has other planes or is coarser than the picture, photographs are from different cameras, or one was
-        processed (see `checks`).
+    Raises BadInput, Refused if the field has other planes or is coarser than the picture, photographs are from
+    different cameras, or one was processed (see `checks`).
     """
     p, frame, further = parameters or CorrectionParameters(), as_frame(frame), [as_frame(other) for other in others]
     for one in fields.values():
@@ -254,7 +247,9 @@ class _Work:
             return start, bounded(u, first, self._noise(tile))
 
         for done, (start, u) in enumerate(_in_parallel(restore, starts, self.how.threads), start=1):
-            self._lay(out, start, u)
+            window, at = self._window(start), zip(start, out.shape[1:], strict=True)
+            (y, ys), (x, xs) = (_overlap(first, len(window), size) for first, size in at)
+            out[:, y, x] += window[ys, xs] * u[:, ys, xs]
             progress(done, len(starts))
         out *= self.mosaic.gains[:, None, None]
         return out
@@ -295,11 +290,6 @@ class _Work:
 
     def _window(self, start: tuple[int, int]) -> Single:
         return np.outer(self.grid.rows.window(start[0]), self.grid.columns.window(start[1]))
-
-    def _lay(self, out: Single, start: tuple[int, int], u: Single) -> None:
-        window = self._window(start)
-        (y, ys), (x, xs) = (_overlap(at, len(window), size) for at, size in zip(start, out.shape[1:], strict=True))
-        out[:, y, x] += window[ys, xs] * u[:, ys, xs]
 
 
 def _overlap(start: int, n: int, size: int) -> tuple[slice, slice]:

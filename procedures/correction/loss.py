@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from procedures.correction.mosaic import Mosaic
 from procedures.correction.optics import PlaneFields
-from procedures.correction.prediction import EDGES
+from procedures.correction.prediction import EDGES, whole_plane
 from procedures.correction.priors import Prior
 
 Array = npt.NDArray[np.float64]
@@ -35,12 +35,10 @@ WINDOWS = 6
 
 @dataclass(frozen=True, eq=False)
 class FieldError:
-    """Error of a picture due to errors of the field, for the plane of lightness.
+    """Error of a picture due to errors of the field, for the plane of lightness, at x (m,), y (n,), pixels of it.
 
-    x : (m,), y : (n,) float64
-        Positions, in pixels of the picture.
-    noise, interpolation : (n, m) float64
-        Mean square error about each position, white = 1: due to the measured PSFs, and to the interpolation.
+    noise, interpolation : (n, m), mean square error about each position, white = 1: due to the measured PSFs, and to
+    the interpolation.
     """
 
     x: Array
@@ -120,7 +118,5 @@ def _starts(k: int, size: int, n: int) -> list[int]:
 def _window_power(part: Single) -> Array:
     window = np.outer(*(np.hanning(n + 2)[1:-1] for n in part.shape))
     window /= np.sqrt(np.mean(window**2))
-    multiplicity = np.full((SIDE, SIDE // 2 + 1), 2.0)
-    multiplicity[:, [0, -1]] = 1
     F = np.fft.rfft2((part - part.mean(dtype=np.float64)) * window, (SIDE, SIDE))
-    return np.asarray(multiplicity * np.abs(F) ** 2).ravel() / SIDE**2 / part.size
+    return whole_plane(np.abs(F) ** 2).ravel() / SIDE**2 / part.size

@@ -26,14 +26,10 @@ SIDE = 128
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Maps over the frame, for the plane of lightness: green, or grey.
+    """Maps (n, m) over the frame at x (m,), y (n,), pixels of the picture, for the plane of lightness: green, or grey.
 
-    x : (m,), y : (n,) float64
-        Positions, in pixels of the picture.
-    before, after : (n, m) float64
-        MTF50 in cycles per pixel of the picture, mean over directions; 0.5 if it is above the grid's range.
-    noise_gain : (n, m) float64
-        Standard deviation of the picture's noise in flat parts, relative to a sample's.
+    before, after : MTF50 in cycles per pixel of the picture, mean over directions; 0.5 if it is above the grid's range.
+    noise_gain : standard deviation of the picture's noise in flat parts, relative to a sample's.
     """
 
     x: Array
@@ -56,11 +52,13 @@ def predict(optics: PlaneFields, mosaic: Mosaic, prior: Prior, tau: float, diffe
         H = np.abs(optics.otf(float(x[j]), float(y[i]), SIDE)[planes]).mean(axis=0).astype(np.float64)
         edges = density * H / (density * H**2 + tau / (EDGES * difference) * power)
         flat = density * H / (density * H**2 + tau / difference * power)
-        # half plane of a real picture: all columns but the first and the last represent two frequencies
-        multiplicity = np.full(H.shape, 2.0)
-        multiplicity[:, [0, -1]] = 1
-        maps[:, i, j] = _half(H), _half(H * edges), np.sqrt(np.sum(multiplicity * flat**2) / SIDE**2 / density)
+        maps[:, i, j] = _half(H), _half(H * edges), np.sqrt(whole_plane(flat**2).sum() / SIDE**2 / density)
     return Prediction(x, y, *maps)
+
+
+def whole_plane(power: Array) -> Array:
+    """Powers (n, n // 2 + 1) of a half plane, those of all columns but the first and the last twice."""
+    return np.hstack([power[:, :1], 2 * power[:, 1:-1], power[:, -1:]])
 
 
 def _half(transfer: Array) -> float:

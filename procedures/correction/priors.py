@@ -17,12 +17,9 @@ CHROMA = 5.0
 class Prior:
     """A penalty on the lengths of differences, of all colours jointly as in (6.11) of the thesis.
 
-    name : str
-        "total-variation": differences of neighbours; "second-order": second differences, which do not penalise slopes.
-    chroma : float
-        Weight of differences between the colours relative to those of lightness.
-    strength : float
-        Factor of the strength derived from the photograph's noise and differences.
+    name : "total-variation": differences of neighbours; "second-order": second differences, which do not penalise
+    slopes; chroma : weight of differences between the colours relative to those of lightness; strength : factor of the
+    strength derived from the photograph's noise and differences.
     """
 
     name: str = "total-variation"

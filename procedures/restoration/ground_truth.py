@@ -28,8 +28,6 @@ TAPS = 9
 SOFTEST_PX, CENTRE_PX = 3.0, 512
 """Largest blur by which the ground truth may be softer than the restored picture, and side of the central part of the
 frame in which it is estimated, pixels."""
-
-
 LEAST_SEEN = 0.1
 """Smallest fraction of the frame that a ground truth must show."""
 NOTHING_ALIKE = 0.7
@@ -45,15 +43,8 @@ def compare_to_ground_truth(
 ) -> Outcome[Restoration]:
     """Add the comparison with the ground truth; doubtful where it contradicts the estimated error.
 
-    Parameters
-    ----------
-    photographs : the restored planes of each by name, or its one plane, also as an array (H, W)
-    truth : the same of the ground truth
-
-    Raises
-    ------
-    BadInput
-        If the ground truth has other planes than the photographs, or another size, or is one of them.
+    photographs, truth : the planes of each by name, or its one plane, also as an array (H, W). Raises BadInput if the
+    ground truth has other planes than the photographs, or another size, or is one of them.
     """
     each, truth = [_planes_of(photograph) for photograph in photographs], _planes_of(truth)
     check_ground_truth(each, truth)

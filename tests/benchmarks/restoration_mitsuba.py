@@ -149,7 +149,7 @@ def compare(case: Rendered, name: str, side: str, noise_db: float, seed: int) ->
     off = (found.sharp[0] - case.sharp)[inside]
     print(
         f"{side:6} {name:6} {seed}: {outcome.verdict}, w rms {_rms((found.w - w)[inside]):.3f} px; picture error "
-        f"{255 * _rms(off):.2f} of 255, stated/error {found.diagnostics.picture_std / _rms(off):.2f}; determined "
+        f"{255 * _rms(off):.2f} of 255, stated/error {_rms(found.sharp_std[inside]) / _rms(off):.2f}; determined "
         f"{known.mean():.0%}, error {1000 * np.median(np.abs(error[known])):.1f} mm (median), "
         f"{_coverage(error[known], distances.std[inside][known])}; {seconds:.0f} s of processor",
         flush=True,

@@ -30,7 +30,6 @@ from procedures.restoration.masks.mask_fields import MaskField, Masks, half_size
 STARTS = ("matched", "blur", "symmetric")
 AXES = ("both", "x", "y")
 
-
 EXPLAINED, MOST_RESIDUAL = 1.2, 5.0
 """Residual over the photographs' noise above which a restoration is doubtful, and refused: 0.1 to 1.1 with true masks
 and with kernels of real shake; 1.2 to 1.5 with errors in all kernel samples, and with paths bent by a fifth; up to 2.6

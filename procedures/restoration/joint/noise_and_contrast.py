@@ -136,26 +136,33 @@ class TilePowers:
         at = [np.interp(np.arange(n), c, np.arange(len(c))) for n, c in zip(self.frame, self.centres, strict=True)]
         return np.asarray(map_coordinates(values, np.meshgrid(*at, indexing="ij"), order=1))
 
-    def nearest(self, values: Array, levels: Array) -> NDArray[np.intp]:
-        """Index (Y, X) of the level nearest to the values (H, W) at the tiles' centres."""
-        at = (np.minimum(c, n - 1) for c, n in zip(self.centres, self.frame, strict=True))
-        return np.asarray(np.abs(values[np.ix_(*at)][..., None] - levels).argmin(axis=-1))
+    def means(self, image: Array) -> Array:
+        """Mean of an image (H, W) over each tile, weighted as its power is, (Y, X)."""
+        along, wide = np.hanning(SIZE + 2)[1:-1] ** 2, _whole_tiles(image)
+        (rows, columns), weights = (c - SIZE // 2 for c in self.centres), np.outer(along, along) / along.sum() ** 2
+        tiles = [[wide[y : y + SIZE, x : x + SIZE] for x in columns] for y in rows]
+        return np.array([[np.sum(weights * tile) for tile in row] for row in tiles])
+
+
+def _whole_tiles(image: Array) -> Array:
+    """An image (..., H, W), mirrored if it is smaller than a tile."""
+    missing = [(0, max(SIZE - n, 0)) for n in image.shape[-2:]]
+    return np.pad(image, [(0, 0)] * (image.ndim - 2) + missing, mode="symmetric")
 
 
 def tile_powers(*images: Array) -> TilePowers:
-    """Sum of the powers of images (..., H, W), over overlapping tiles: a window over the whole frame would weigh its
-    middle more."""
+    """Sum of the powers of images (..., H, W), over overlapping tiles. Tiles that reach beyond the frame would need
+    mirrored images, whose frequencies have other directions."""
     frame = (images[0].shape[-2], images[0].shape[-1])
-    starts = [np.linspace(0, n, 1 + -(-2 * n // SIZE)).astype(np.intp) for n in frame]
+    spare = [max(n - SIZE, 0) for n in frame]
+    starts = [np.linspace(0, n, 1 + -(-2 * n // SIZE)).astype(np.intp) for n in spare]
     powers = np.zeros((len(starts[0]), len(starts[1]), SIZE, SIZE), np.float32)
     for image in images:
-        # mirrored beyond the frame, so that all of it weighs the same
-        rim = [(SIZE // 2, SIZE // 2)] * 2
-        wide = np.pad(image.astype(np.float64), [(0, 0)] * (image.ndim - 2) + rim, mode="symmetric")
+        wide = _whole_tiles(image.astype(np.float64))
         for (i, y), (j, x) in product(*(enumerate(along) for along in starts)):
             spectra = np.abs(_spectra(wide[..., y : y + SIZE, x : x + SIZE])) ** 2
             powers[i, j] += spectra.reshape(-1, SIZE, SIZE).mean(axis=0)
-    return TilePowers(powers, (starts[0], starts[1]), frame)
+    return TilePowers(powers, (starts[0] + SIZE // 2, starts[1] + SIZE // 2), frame)
 
 
 def effective_weights(u: Array, downhill: Array) -> Array:
@@ -171,11 +178,12 @@ def gradient_powers(u: Array) -> Array:
 
 
 @cache
-def rings_of(shape: tuple[int, int]) -> NDArray[np.intp]:
-    """The band of every frequency; -1 for the lowest ones, which depend on the frame's rim."""
+def rings_of(shape: tuple[int, int], count: int = BANDS) -> NDArray[np.intp]:
+    """The ring of every frequency, one of a `count` as wide as a band, the last to the corners; -1 for the lowest ones,
+    which depend on the frame's rim."""
     down, across = (np.fft.fftfreq(n) for n in shape)
     radius = np.hypot(down[:, None], across)
-    rings = np.minimum((radius * 2 * BANDS).astype(np.intp), BANDS - 1)
+    rings = np.minimum((radius * 2 * BANDS).astype(np.intp), count - 1)
     return np.where(radius < 1.5 / min(*shape, SIZE), -1, rings)
 
 

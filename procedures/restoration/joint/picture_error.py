@@ -5,7 +5,8 @@ photographs contradict each other is observed, and the part in which they agree 
 picture.
 """
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,16 +35,21 @@ separated."""
 
 NOISE, MISMATCH, DETAIL = "noise", "shapes", "detail"
 """Terms of the budget."""
-
-
-FALLS, VARIED, LEAST = 0.78, 0.5, 0.03
-"""Squared gradient in a band relative to that in the band below: its mean over 22 photographs, its relative standard
-deviation in a tile or frame, and its smallest value."""
+RINGS = 11
+"""Rings of frequencies, as wide as a band, in which contrast is estimated, up to the corners."""
+FALL, KEPT, VARIED, FIRST = -0.4, 0.5, 0.28, 0.5
+"""Logarithm of the squared gradient in a ring relative to the ring below, in 39 photographs: its mean, the share of the
+ring below's that it keeps, and the standard deviations of the rest, and of the first."""
+ALIKE, LOCAL, APART = 0.92, 0.42, 2.0
+"""Tiles relative to their frame: share of the ring below's that is kept, deviations of the rest, and of the lowest."""
 COSINES, CORRELATED, OVERLAP = (1 / 6, 2 / 3, 1 / 6), 7.6, 2.0
 """Power of a window of cosines at its lowest frequencies; the variance of a mean power under it, relative to that of
 independent frequencies, as half are conjugates and neighbours are correlated by 2/3; tiles for each independent one."""
-STEPS = 8
+STEPS = 12
 """Steps of scoring towards the largest likelihood."""
+
+Spectra = tuple[Array, ...]
+"""Powers, their part passed and the amplified noise, at some frequencies."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,13 +99,16 @@ def picture_error(
     Where masks pass S = sum |H|^2 and the prior is L, the picture errs by (S N + (weight L)^2 X) / (S + weight L)^2: N
     the power of one photograph's residual from masks and noise, X that of the picture. The residual holds P - 1 of P
     parts of N and a part suppressed by the prior, the restored picture the rest of X and amplified noise (`separated`).
-    N is estimated for the frame, X for each tile of it and each direction of frequencies, as a band's resembles that of
-    the band below, with the masks at the tile's w. The best weight for N leaves 1 / (S / N + 1 / X).
+    N is estimated for the frame, X for each tile of it and each direction of frequencies, as a ring's resembles that of
+    the ring below, with the masks at the tile's w; within a tile, detail is lost as the squared gradient is restored.
+    The best weight for N leaves 1 / (S / N + 1 / X).
     """
     rim = stacks[0].R  # determined by part of the light, with less noise
     inside = (..., slice(rim, -rim), slice(rim, -rim))
-    slopes = tile_powers(*(np.diff(sharp, axis=n, append=sharp.take([-1], axis=n))[inside] for n in (1, 2)))
-    rings, sectors, count = rings_of((SIZE, SIZE)), sectors_of((SIZE, SIZE)), len(stacks)
+    across = [np.diff(sharp.astype(np.float64), axis=n, append=sharp.take([-1], axis=n)) for n in (1, 2)]
+    slopes = tile_powers(*(each[inside] for each in across))
+    count, sectors = len(stacks), sectors_of((SIZE, SIZE))
+    rings, narrow = rings_of((SIZE, SIZE)), rings_of((SIZE, SIZE), RINGS)
     depths = np.quantile(w, DECILES)
     S, L = np.stack([responses(stacks, float(depth))[0] for depth in depths]), laplacian()
     noises, left, steep = np.zeros(BANDS), tile_powers(residual[inside]).powers, slopes.powers
@@ -112,23 +121,26 @@ def picture_error(
     passed, amplified = _windowed((S / whole) ** 2), _windowed(noise * S * L / whole**2)
     if as_restored:
         passed, amplified = np.ones_like(S), np.zeros_like(S)
-    suppressed, nearest = weight**2 * L / whole**2, slopes.nearest(w[inside], depths)
+    suppressed, level = weight**2 * L / whole**2, np.abs(w[..., None] - depths).argmin(axis=-1)
+    shares = np.stack([slopes.means((level == n)[inside]) for n in range(len(depths))], axis=-1)
     lost, X = np.zeros(steep.shape[:2]), np.zeros_like(L)
     for sector in range(SECTORS):
-        contrast = steep[..., (rings == 0) & (sectors == sector)].mean(axis=-1)
-        for band in range(BANDS):
-            where = (rings == band) & (sectors == sector)
-            contrast = _contrasts(contrast, steep[..., where], passed[:, where][nearest], amplified[:, where][nearest])
-            lost += contrast * suppressed[:, where].sum(axis=1)[nearest]
+        places = [(narrow == ring) & (sectors == sector) for ring in range(RINGS)]
+        terms = [(steep[..., where], shares @ passed[:, where], shares @ amplified[:, where]) for where in places]
+        for where, contrast in zip(places, np.moveaxis(_contrasts(terms), -1, 0), strict=True):
+            lost += contrast * (shares @ suppressed[:, where].sum(axis=1))
             X[where] = contrast.mean()
     used = rings >= 0
+    of_restored = (suppressed * X)[:, used].sum(axis=1) / ((passed * X + amplified)[:, used].sum(axis=1) + 1e-30)
     S, L, X, noise, whole = S[:, used], L[used], X[used] + 1e-30, noise[used] + 1e-30, whole[:, used]
-    best = np.stack([_of_best(stacks, float(depth))[used] for depth in depths])
+    each = (max((responses([one], float(w))[0] for one in stacks), key=lambda power: power.mean()) for w in depths)
+    best = np.minimum([one[used] for one in each], 1.0)  # of the mask that blurs least
     random = min(1.0, sigma**2 / float(noise.mean()))
     now, then = (np.sum(1 / (S / (part * noise) + L / X)) for part in (1.0, 1 - 0.75 * random))
-    lost = np.pad(np.sqrt(slopes.over_frame(lost / used.sum())), rim, mode="edge")
+    local = of_restored[level] * uniform_filter(np.sum(np.square(across), axis=(0, 1)), 2 * rim + 1) + 1e-30
+    of_local = slopes.over_frame(lost / used.sum() / slopes.means(local[inside]))
     return PictureError(
-        float(np.sqrt(np.mean(noise * S / whole**2))), lost,
+        float(np.sqrt(np.mean(noise * S / whole**2))), np.sqrt(np.pad(of_local, rim, mode="edge") * local),
         float(np.sqrt(np.mean(X * (1 - np.sqrt(best)) ** 2 / L))), random, float(np.sqrt(then / now)),
     )  # fmt: skip
 
@@ -138,33 +150,44 @@ def _windowed(spectra: Array) -> Array:
     return np.asarray(convolve1d(convolve1d(spectra, COSINES, -2, mode="wrap"), COSINES, -1, mode="wrap"))
 
 
-def _contrasts(below: Array, powers: Array, passed: Array, amplified: Array) -> Array:
-    """Squared gradient of the sharp picture in each tile (Y, X) at some frequencies, from powers of the restored
-    gradient (Y, X, n), whose expectation is X passed + amplified; below : that of the band below."""
-    usual = FALLS * below.mean() + 1e-30
-    frame = _likeliest(usual, powers.ravel(), passed.ravel(), amplified.ravel(), OVERLAP)
-    tiles = _likeliest(FALLS * below * (frame / usual), powers, passed, amplified, 1.0)
-    return np.asarray(tiles * (frame / (tiles.mean() + 1e-30)))
+def _contrasts(terms: Sequence[Spectra]) -> Array:
+    """Squared gradient X of the sharp picture in each tile and ring (Y, X, RINGS), from powers of the restored gradient
+    (Y, X, n) in every ring, whose expectation is X passed + amplified."""
+    tiles = terms[0][0].shape[:2]
+    fall = np.diff(np.eye(RINGS), axis=0)
+    usual, innovations = np.full(RINGS - 1, (1 - KEPT) * FALL / VARIED), fall / VARIED
+    innovations[1:] -= KEPT * fall[:-1] / VARIED
+    innovations[0], usual[0] = fall[0] / FIRST, FALL / FIRST
+    first = np.log(terms[0][0].mean() + 1e-30) + FALL * np.arange(RINGS)
+    means = [tuple(part.mean(axis=(0, 1)) for part in each) for each in terms]
+    frame, known = _likeliest(first, innovations, usual, means, math.prod(tiles) / OVERLAP / CORRELATED)
+    local = (np.eye(RINGS) - ALIKE * np.eye(RINGS, k=-1)) / LOCAL
+    local[0] *= LOCAL / APART
+    start = np.broadcast_to(frame, (*tiles, RINGS))
+    each, spread = _likeliest(start, local, local @ frame, terms, 1 / CORRELATED)
+    X = np.exp(each + spread / 2)
+    return np.asarray(X * np.exp(frame + known / 2) / (X.mean(axis=(0, 1)) + 1e-30))
 
 
-def _likeliest(expected: Array, powers: Array, passed: Array, amplified: Array, overlap: float) -> Array:
-    """X of the largest likelihood of powers (..., n), which are exponentially distributed about X passed + amplified,
-    drawn to an expected X (...) by the variances of both."""
-    X = expected
+def _likeliest(
+    log: Array, prior: Array, expected: Array, terms: Sequence[Spectra], weight: float
+) -> tuple[Array, Array]:
+    """Logarithms of X (..., RINGS) of the largest posterior density, from a start, and their variances.
+
+    terms : for each ring powers (..., n), exponentially distributed about X passed + amplified; weight : independent
+    powers for each; prior : its products with the logarithms are independent about `expected`, of unit variance.
+    """
     for _ in range(STEPS):
-        mean = X[..., None] * passed + amplified + 1e-30
-        share = passed / mean**2
-        information = np.sum(share * passed, axis=-1) + 1e-30
-        likely = X + np.sum(share * (powers - mean), axis=-1) / information
-        known = 1 / (1 + CORRELATED * overlap / information / ((VARIED * expected) ** 2 + 1e-30))
-        X = np.maximum(expected + known * (likely - expected), LEAST * expected)
-    return np.asarray(X)
-
-
-def _of_best(stacks: list[MaskStack], w: float) -> Array:
-    """Squared transfer function of the mask that blurs least."""
-    each = [responses([stack], w)[0] for stack in stacks]
-    return np.minimum(max(each, key=lambda one: float(one.mean())), 1.0)
+        score, information = np.zeros(log.shape), np.zeros(log.shape)
+        for ring, (powers, passed, amplified) in enumerate(terms):
+            part = np.exp(log[..., ring, None]) * passed
+            mean = part + amplified + 1e-30
+            score[..., ring] = np.sum(part / mean * (powers / mean - 1), axis=-1)
+            information[..., ring] = np.sum((part / mean) ** 2, axis=-1)
+        curvature = prior.T @ prior + weight * information[..., None] * np.eye(RINGS)
+        downhill = weight * score - (log @ prior.T - expected) @ prior
+        log = log + np.clip(np.linalg.solve(curvature, downhill[..., None])[..., 0], -1, 1)
+    return log, np.diagonal(np.linalg.inv(curvature), axis1=-2, axis2=-1)
 
 
 def error_map(error: PictureError, residual: Array, window: int) -> Array:

@@ -27,7 +27,9 @@ class Scheme:
 
         Raises BadParameter if it has another form.
         """
-        match = re.fullmatch(r"(\d+)x\((\d+)\+(\d+)\)(?:\+(?:(\d+)x)?(\d+))?", re.sub(r"\s|×", _plain, text))
+        match = re.fullmatch(
+            r"(\d+)x\((\d+)\+(\d+)\)(?:\+(?:(\d+)x)?(\d+))?", re.sub(r"\s", "", text).replace("×", "x")
+        )
         if not match:
             raise BadParameter(f"scheme {text!r} is not understood", 'write it like "20x(8+10)+5x20"')
         rounds, picture, depth, final_rounds, final = match.groups()
@@ -35,10 +37,6 @@ class Scheme:
         if scheme.rounds < 1 or scheme.picture + scheme.depth < 1:
             raise BadParameter(f"scheme {text!r} does nothing", "give at least 1x(1+0)")
         return scheme
-
-
-def _plain(match: re.Match[str]) -> str:
-    return "x" if match.group() == "×" else ""
 
 
 @dataclass(frozen=True)

@@ -45,14 +45,11 @@ class BasinHopping:
             for curve in those:
                 best = _better(best, evidence, replaced(best[1], k, curve), half)
         for _ in range(self.bends):
-            k = int(self.rng.integers(2))
-            best = _better(best, evidence, replaced(best[1], k, self._bent(best[1][k])), half)
+            k, at, width = int(self.rng.integers(2)), self.rng.uniform(-0.1, 1.1), self.rng.uniform(*BEND_WIDTHS)
+            bump = np.exp(-(((np.linspace(0, 1, POINTS) - at) / width) ** 2) / 2)
+            bent = best[1][k] + bump[:, None] * self.rng.normal(0, BEND_PX, 2)
+            best = _better(best, evidence, replaced(best[1], k, bent), half)
         return best[1]
-
-    def _bent(self, points: Array) -> Array:
-        at, width = self.rng.uniform(-0.1, 1.1), self.rng.uniform(*BEND_WIDTHS)
-        bump = np.exp(-(((np.linspace(0, 1, POINTS) - at) / width) ** 2) / 2)
-        return np.asarray(points + bump[:, None] * self.rng.normal(0, BEND_PX, 2))
 
 
 def _better(

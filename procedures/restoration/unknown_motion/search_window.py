@@ -17,26 +17,30 @@ HEIGHTS = (0.6, 0.8, 1.0, 1.25, 1.6)
 
 
 def search_window(z: Array, flat: Window, half: float, w: Array, pixels: int) -> Window:
-    """Rows and columns of at most `pixels` with most detail at depths other than the flat part's w, `half`."""
+    """Rows and columns of at most `pixels` with most detail nearer and farther than the flat part's w, `half`. Roots of
+    both are added: paths from one side alone draw wrong masks at the other's depths."""
     H, W = w.shape
     if pixels >= H * W:
         return slice(0, H), slice(0, W)
-    detail = np.minimum(np.abs(w / half - 1), FARTHEST)[1:, 1:] * sum(
-        np.diff(a, axis=0)[:, 1:] ** 2 + np.diff(a, axis=1)[1:] ** 2 for a in z[:, 0]
+    texture = sum(np.diff(a, axis=0)[:, 1:] ** 2 + np.diff(a, axis=1)[1:] ** 2 for a in z[:, 0])
+    differs = np.clip(w / half - 1, -FARTHEST, FARTHEST)[1:, 1:]
+    sides = np.stack([texture * np.maximum(differs, 0), texture * np.maximum(-differs, 0)])
+    total = np.pad(np.cumsum(np.cumsum(sides, axis=1), axis=2), ((0, 0), (2, 0), (2, 0)))
+
+    def detail(y: int, x: int, h: int, n: int) -> float:
+        each = total[:, y + h, x + n] - total[:, y, x + n] - total[:, y + h, x] + total[:, y, x]
+        return float(np.sqrt(np.maximum(each, 0)).sum())
+
+    places = (
+        (y, x, h, n)
+        for h, n in _sizes((H, W), pixels)
+        for y in _positions(flat[0], h, H)
+        for x in _positions(flat[1], n, W)
     )
-    total = np.pad(np.cumsum(np.cumsum(detail, axis=0), axis=1), ((2, 0), (2, 0)))
-    best = max(
-        (
-            (float(total[y + h, x + n] - total[y, x + n] - total[y + h, x] + total[y, x]), (y, x, h, n))
-            for h, n in _sizes((H, W), pixels)
-            for y in _positions(flat[0], h, H)
-            for x in _positions(flat[1], n, W)
-        ),
-        default=None,
-    )
+    best = max(places, key=lambda place: detail(*place), default=None)
     if best is None:
         return slice(0, H), slice(0, W)
-    y, x, h, n = best[1]
+    y, x, h, n = best
     return slice(y, y + h), slice(x, x + n)
 
 

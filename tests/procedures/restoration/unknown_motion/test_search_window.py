@@ -9,23 +9,14 @@ FLAT_PART = (slice(10, 160), slice(20, 170))
 HALF = 3.0
 
 
-@pytest.fixture(scope="module")
-def z():
-    """Two photographs of 300 x 400 with uniform texture."""
-    return np.random.default_rng(2).standard_normal((2, 1, 300, 400))
-
-
-@pytest.fixture(scope="module")
-def w():
-    """Flat except for a square at rows 140 to 200 and columns 250 to 320."""
-    w = np.full((300, 400), HALF)
-    w[140:200, 250:320] = 2.0
-    return w
+Z = np.random.default_rng(2).standard_normal((2, 1, 300, 400))
+FLAT_W = np.full((300, 400), HALF)
+SQUARE = np.pad(np.full((60, 70), 2.0), ((140, 100), (250, 80)), constant_values=HALF)
 
 
 @pytest.mark.parametrize("pixels", [40_000, 60_000])
-def test_a_window_holds_other_depths_and_some_of_the_flat_part(z, w, pixels):
-    rows, columns = search_window(z, FLAT_PART, HALF, w, pixels)
+def test_a_window_holds_other_depths_and_some_of_the_flat_part(pixels):
+    rows, columns = search_window(Z, FLAT_PART, HALF, SQUARE, pixels)
     assert (rows.stop - rows.start) * (columns.stop - columns.start) <= pixels
     assert rows.start <= 140
     assert rows.stop >= 200
@@ -35,11 +26,19 @@ def test_a_window_holds_other_depths_and_some_of_the_flat_part(z, w, pixels):
     assert min(y.stop - y.start, x.stop - x.start) >= FLAT
 
 
-def test_a_window_holds_the_flat_part_and_a_small_frame_completely(z, w):
-    assert search_window(z, FLAT_PART, HALF, w, 120_000) == (slice(0, 300), slice(0, 400))
-    window = search_window(z, FLAT_PART, HALF, np.full((300, 400), HALF), 40_000)
+def test_a_window_holds_the_flat_part_and_a_small_frame_completely():
+    assert search_window(Z, FLAT_PART, HALF, SQUARE, 120_000) == (slice(0, 300), slice(0, 400))
+    window = search_window(Z, FLAT_PART, HALF, FLAT_W, 40_000)
     y, x = within(FLAT_PART, window)
     assert min(y.stop - y.start, x.stop - x.start) >= FLAT
     window = (slice(40, 200), slice(5, 100))
     y, x = within(FLAT_PART, window)
-    np.testing.assert_array_equal(z[:, :, *window][:, :, y, x], z[:, :, 40:160, 20:100])
+    np.testing.assert_array_equal(Z[:, :, *window][:, :, y, x], Z[:, :, 40:160, 20:100])
+
+
+def test_a_window_holds_nearer_and_farther_parts():
+    w = FLAT_W.copy()
+    w[:, 300:], w[160:240, 300:] = 2.0, 3.9
+    rows, _ = search_window(Z, FLAT_PART, HALF, w, 40_000)
+    assert rows.start < 140
+    assert rows.stop > 200  # half of the nearer part, where most detail is farther
