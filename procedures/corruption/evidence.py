@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -65,9 +66,14 @@ class TextureEvidence:
             VEILED.check(scores[VEIL], raw=raw),
         ]
 
+    def with_wider_masks(self, other: Self) -> Self:
+        """With the wide masks of another fit where it shows more of them."""
+        theirs = {name: other.strengths[name] for name in WIDE_NAMES}
+        more = {name: one for name, one in theirs.items() if _wide_score(one) > _wide_score(self.strengths[name])}
+        return replace(self, strengths={**self.strengths, **more})
+
     def _of_pictures(self) -> list[Check]:
-        amounts = [self.strengths[name] for name in WIDE_NAMES]
-        wide = max(amount.value / math.hypot(amount.uncertainty, WIDE_MODEL) for amount in amounts)
+        wide = max(_wide_score(self.strengths[name]) for name in WIDE_NAMES)
         places = 2 * len(CONTRASTS)  # in the noise of paper and residual
         return [WIDE.check(wide, raw=False, places=len(WIDE_PX)), MOSAIC.check(self.mosaic, raw=False, places=places)]
 
@@ -83,6 +89,10 @@ class TextureEvidence:
             for name, radius in zip(WIDE_NAMES, WIDE_PX, strict=True)
         ]
         return modes | {"processing": _unseen(self.fine, MASK_PRIOR) * mask_gain(f, 1.0), "wide mask": np.hypot(*wide)}
+
+
+def _wide_score(amount: Strength) -> float:
+    return amount.value / math.hypot(amount.uncertainty, WIDE_MODEL)
 
 
 def _unseen(strength: Strength, prior: float, present: float = 1.0) -> float:

@@ -112,7 +112,7 @@ def diagnose(
     """Compute the diagnostics of a fit.
 
     psf : the normalised PSF
-    narrow : that of the narrowest support that holds the tail
+    narrow : that of the narrowest support which is wide enough for the tail
     corners : (12, 2) the detected marks, NaN where hidden
     marks_map : the map fitted to the marks alone
     trial : the trial of s and k that gave the PSF

@@ -235,8 +235,13 @@ def estimate_psf(
     levels = float(light.black[0]), float(light.white[0])
     noise = measure_noise(around, levels, light.variance_at, final.fit.residual_image)
     curve = quality.frequencies, quality.mtf_radial
-    judged, narrow = solved.judged.fit, solved.judged.solution.psf
-    evidence = examine(judged, samples, light, chart, narrow.s, narrow.k, (noise.paper, noise.residual), curve)
+    fits = [final] if plane.raw or solved.narrow is final else [final, solved.narrow]
+    evidence, *of_narrow = (
+        examine(one.fit, samples, light, chart, psf.s, one.solution.psf.k, (noise.paper, noise.residual), curve)
+        for one in fits
+    )
+    evidence = evidence.with_wider_masks(*of_narrow) if of_narrow else evidence
+    narrow = solved.narrow.solution.psf
     diagnostics = diagnose(
         final.fit, psf, narrow, light, corners, solved.marks_map, final.excluded, parts, solved.tail, tried[-1], noise,
         evidence.fine,
@@ -272,11 +277,12 @@ def finest(cell_px: float, most: float = SAMPLES_PER_CELL) -> int:
 class _Solved:
     """The joint fit at the chosen s and k, the trials, what it began with, and the checks that refuse it.
 
-    judged : the fit of the narrowest support that holds the tail: a wider one would absorb what a wide mask changed
+    narrow : the fit of the narrowest support, with this s, that is wide enough for the tail: a wider one absorbs what
+        a wide mask changed
     """
 
     final: _Attempt
-    judged: _Attempt
+    narrow: _Attempt
     tried: tuple[Trial, ...]
     light: LightLevels
     corners: Array
@@ -326,8 +332,9 @@ def _solve(
             f"photograph the chart from a distance where s/t is near {AIM_S_OVER_T:g}, or lower s or k",
         ) from error
     refusals = refusal_checks(final.fit, final.solution.psf, light, corners, raw=plane.raw)
-    judged = next((attempts[trial.s, trial.k] for trial in tried if trial.cuts_off), final)
-    return _Solved(final, judged, tried, light, corners, marks_map, known.tail, refusals)
+    enough = (trial for trial in tried if trial.s == tried[-1].s and not trial.support_short)
+    narrow = next((attempts[trial.s, trial.k] for trial in enough), final)
+    return _Solved(final, narrow, tried, light, corners, marks_map, known.tail, refusals)
 
 
 def _probability(checks: Sequence[Check], quality: Quality, *, raw: bool) -> float:
