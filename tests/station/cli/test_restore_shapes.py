@@ -96,7 +96,7 @@ def test_motion_and_defocus_together(picture, tmp_path):
     assert error(tmp_path / "both", picture) < 0.8 * error(tmp_path / "motion", picture)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_symmetric_lens_is_given_by_a_few_shapes(picture, tmp_path):
     t = np.linspace(-1, 1, 65)
     x, y = np.meshgrid(t, t)
