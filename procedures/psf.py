@@ -306,8 +306,8 @@ def cut_off(psf: Psf) -> float:
     """Energy of the PSF's own shape that the support may cut off: `CUT_OFF` of that in the outer half pixel of the
     support, less the tail continued inwards and less noise.
 
-    Of lenses in focus the tail continues smoothly (0.000 +- 0.003); where a broad halo or a disc of defocus reaches the
-    border, the tail has the wrong shape: up to 0.02 of the OTF at 0.05 cycles/pixel.
+    Of a lens in focus the tail continues smoothly. Where a broad blur, a halo or a disc of defocus reaches the border,
+    the tail has the wrong shape: up to 0.02 of the OTF at 0.05 cycles/pixel.
     """
     amplitudes = psf.tail.amplitudes
     if not len(amplitudes):
