@@ -17,16 +17,19 @@ from procedures.restoration.first_depth.initial_depth import LEVEL_PX, cost_volu
 from procedures.restoration.joint.result import Restoration
 from procedures.restoration.masks.mask_fields import Masks
 from procedures.restoration.masks.thin_lens import CameraSetting
+from procedures.restoration.sampling_bias import without_bias
 
 FRONT, BEHIND = "front", "behind"
 UNDETERMINED_PX = 0.5
 """Standard deviation of w above which no distance is given: half a pixel, as in the restoration's verdict."""
-MASKS_PX = 0.035
-"""Standard uncertainty of w in addition to noise: masks are interpolated, and the picture's prior makes w too small, by
-0 to 0.05 pixel in scenes of two independent renderers."""
-MOVED = 0.6
-"""Standard uncertainty of w relative to its change since the first depth, root mean square over the window: large
-where a surface was assigned to the wrong side of an edge, or is smoothed. Chosen with `MASKS_PX` on ten scenes."""
+MASKS_PX = 0.01
+"""Standard uncertainty of w in addition to all others: masks are interpolated."""
+MOVED, BIAS = 0.4, 1 / 3
+"""Standard uncertainties of w relative to its change since the first depth, root mean square over a window of `NEAR`,
+and to the correction of its bias. Chosen on twelve scenes of two renderers, with eleven others to check."""
+NEAR, LEAST_NEAR = 31, 0.4
+"""Side of a window, pixels, of which that fraction must have a distance: small islands amid places that picture and
+depth do not explain belong to the wrong surface."""
 SURFACE = 15
 """Side of the window over which a surface is displaced, pixels: with 9 the uncertainty of places with little texture
 was 2 to 5 times the error, with 27 it ignored errors of whole surfaces."""
@@ -114,14 +117,21 @@ def unexplained(residual: Array, noise: float) -> NDArray[np.bool_]:
     return np.asarray(np.sqrt(power) > MAX_RESIDUAL * noise)
 
 
-def depth_spread(restored: Restoration, photographs: Sequence[Array], masks: Sequence[Masks]) -> Array:
-    """Standard deviation of w (H, W) of a restoration of photographs (C, H, W) each, infinite where its picture and
-    depth do not explain them."""
+def depth_spread(
+    restored: Restoration, photographs: Sequence[Array], masks: Sequence[Masks], shape: Array,
+    sizes: Sequence[tuple[float, float]],
+) -> tuple[Array, Array]:  # fmt: skip
+    """w (H, W) without the masks' bias, and its standard deviation, infinite where picture and depth do not explain the
+    photographs (C, H, W); shape, sizes : of the blur, see `without_bias`."""
     noise = restored.diagnostics.noise
     w, first, local = (np.asarray(one, np.float64) for one in (restored.w, restored.start.w, restored.w_std))
-    moved = MOVED**2 * uniform_filter((first - w) ** 2, WINDOW)
-    spread = np.sqrt(local**2 + ambiguity(photographs, masks, w, noise) ** 2 + moved)
-    return np.where(unexplained(restored.residual.astype(np.float64), noise), np.inf, spread)
+    corrected, slope = without_bias(w, shape, sizes, masks, restored.sharp)
+    moved = MOVED**2 * uniform_filter((first - w) ** 2, NEAR)
+    spread = slope * np.sqrt(local**2 + ambiguity(photographs, masks, w, noise) ** 2 + moved)
+    spread = np.hypot(spread, BIAS * (corrected - w))
+    known = ~unexplained(restored.residual.astype(np.float64), noise) & (spread <= UNDETERMINED_PX)
+    alone = uniform_filter(known.astype(np.float64), NEAR) < LEAST_NEAR
+    return np.asarray(corrected, np.float64), np.where(known & ~alone, spread, np.inf)
 
 
 def distances_of(

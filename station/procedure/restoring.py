@@ -21,7 +21,7 @@ from procedures.restoration.flat_part import region_of
 from procedures.restoration.ground_truth import check_ground_truth, compare_to_ground_truth
 from procedures.restoration.joint.joint_descent import JointRound
 from procedures.restoration.joint.result import Restoration
-from procedures.restoration.masks.blur_models import spread_of
+from procedures.restoration.masks.blur_models import named, spread_of
 from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.masks.checks import check_photographs, trust_of
 from procedures.restoration.masks.mask_fields import MaskField, Masks
@@ -82,7 +82,7 @@ def restored(
         outcome = blur.coloured(outcome, [frame.planes for frame in frames])
     distances = None
     if lenses and outcome.value is not None:
-        distances = _distances(outcome.value, photographs, blur.masks, lenses[0], settings)
+        distances = _distances(outcome.value, photographs, blur.masks, lenses, settings)
         outcome = _judged(outcome, distances)
     outcome = developed.judged(outcome, frames)
     if truth is not None:
@@ -212,27 +212,30 @@ def _one(given: Sequence[float], n: int) -> float | None:
     return (given[0] if len(given) == 1 else given[n]) if given else None
 
 
-def _with_lenses(settings: RestoreSettings, lenses: Sequence[CameraSetting]) -> RestoreSettings:
-    """The settings with ratios and offsets from the camera's data (4.8 to 4.10)."""
+def _sizes(settings: RestoreSettings, lenses: Sequence[CameraSetting]) -> list[tuple[float, float]]:
+    """Ratio and offset of every photograph's blur, from the camera's data (4.8 to 4.10)."""
     # radii are positive in front of the plane of focus; behind it w is their negative
     side = 1 if settings.metres == "front" else -1
-    related = [relation(lenses[0], other) for other in lenses[1:]]
-    offsets = tuple(side * beta for _, beta in related)
-    ratios = tuple(alpha for alpha, _ in related)
-    return msgspec.structs.replace(
-        settings, ratio=ratios, offset=offsets if any(abs(offset) > 1e-9 for offset in offsets) else ()
-    )
+    related = [relation(lenses[0], lens) for lens in lenses]
+    return [(alpha, side * beta if abs(beta) > 1e-9 else 0.0) for alpha, beta in related]
+
+
+def _with_lenses(settings: RestoreSettings, lenses: Sequence[CameraSetting]) -> RestoreSettings:
+    """The settings with these ratios and offsets."""
+    ratios, offsets = zip(*_sizes(settings, lenses)[1:], strict=True)
+    return msgspec.structs.replace(settings, ratio=ratios, offset=offsets if any(offsets) else ())
 
 
 def _distances(
-    restoration: Restoration, photographs: Sequence[Array], masks: Sequence[Masks], lens: CameraSetting,
+    restoration: Restoration, photographs: Sequence[Array], masks: Sequence[Masks], lenses: Sequence[CameraSetting],
     settings: RestoreSettings,
 ) -> Distances:  # fmt: skip
-    z = np.stack(photographs)
+    z, shape = np.stack(photographs), named(settings.shape[0])
     aligned = register(z, trust_of(z), masks).z
-    spread = depth_spread(restoration, list(aligned), masks)
+    assert shape is not None, "settings with metres have a shape by name"
+    w, spread = depth_spread(restoration, list(aligned), masks, shape, _sizes(settings, lenses))
     known = CameraUncertainty(settings.camera_uncertainty, settings.camera_uncertainty)
-    return distances_of(restoration.w.astype(np.float64), spread, lens, str(settings.metres), known)
+    return distances_of(w, spread, lenses[0], str(settings.metres), known)
 
 
 def _judged(outcome: Outcome[Restoration], distances: Distances) -> Outcome[Restoration]:

@@ -142,8 +142,8 @@ def compare(case: Rendered, name: str, side: str, noise_db: float, seed: int) ->
     found = outcome.value
     assert found is not None, outcome.reason
     w = np.abs(cameras[0].blur_radius_px(UNIT * case.distance))
-    spread = depth_spread(found, [one[None] for one in z], masks)
-    distances = distances_of(found.w, spread, cameras[0], side, CameraUncertainty(0.0, 0.0))
+    of_w = depth_spread(found, [one[None] for one in z], masks, pillbox(), [(1.0, 0.0), (ratio, offset)])
+    distances = distances_of(*of_w, cameras[0], side, CameraUncertainty(0.0, 0.0))
     error = (distances.metres - case.distance)[inside]
     known = np.isfinite(error)
     off = (found.sharp[0] - case.sharp)[inside]
