@@ -1,14 +1,13 @@
 """Depth in metres from two apertures: how far the distances err, and how many lie within the stated uncertainty.
 
-    python -m tests.benchmarks.restoration_metres [SIDE ...]     front, behind
+    python -m tests.benchmarks.restoration_metres [--seeds 1 2 3 4] [--noise 40]     odd: floor, box; even: wall, ball
 
-Scenes of 0.5 to 3 m before a lens of 12 mm at f/2.8 and f/3.5, 6 um pixels, noise 40 dB below the photographs. Light
+Scenes of 0.5 to 3 m before a lens of 12 mm at f/2.8 and f/3.5, 6 um pixels, noise in dB below the photographs. Light
 from a third of a pixel each is spread by the lens's own blur circles, drawn at a ninth of a pixel, and summed over
 pixels; the restoration's code is not used. The camera's settings are known exactly, or with errors of their stated
 uncertainty.
 """
 
-import sys
 import time
 from dataclasses import replace
 
@@ -27,6 +26,7 @@ from procedures.restoration.metres import (
     depth_spread,
     distances_of,
 )
+from tests.benchmarks import options
 from tests.benchmarks.restoration_scenes import picture
 
 Array = np.ndarray
@@ -37,7 +37,7 @@ SCENE, FINE, LEVELS = 3, 3, 160
 would suit the masks, which are sums over pixels, better than light of real scenes does."""
 CAMERAS = 60
 """Random cameras for each scene."""
-SIDES, KINDS = (FRONT, BEHIND), ("floor", "wall")
+SIDES, KINDS = (FRONT, BEHIND), ("wall", "floor")
 
 
 def settings(focus_mm: float) -> tuple[CameraSetting, CameraSetting]:
@@ -95,7 +95,7 @@ def within(found: Distances, truth: Array) -> Array:
     return np.abs(off[np.isfinite(off)]) < 2
 
 
-def trial(side: str, kind: str, seed: int) -> tuple[Array, Array]:
+def trial(side: str, kind: str, seed: int, noise_db: float) -> tuple[Array, Array]:
     """Which of the distances are within 2 sigma: for an exactly known camera, and for random ones."""
     rng, known = np.random.default_rng(seed), CameraUncertainty()
     camera = settings(FOCUS_MM[side])
@@ -103,7 +103,7 @@ def trial(side: str, kind: str, seed: int) -> tuple[Array, Array]:
     sharp = zoom(picture(extended, rng), SCENE, order=1, mode="nearest", grid_mode=True)
     truth = distances_mm(sharp.shape, kind)
     clean = [photograph(sharp, np.abs(one.blur_radius_px(truth))) for one in camera]
-    z = [(one + one.std() * 0.01 * rng.standard_normal(SHAPE))[None] for one in clean]
+    z = [(one + one.std() * 10 ** (-noise_db / 20) * rng.standard_normal(SHAPE))[None] for one in clean]
     truth = 1e-3 / pixels(1 / truth)
     ratio, offset = relation(*camera)
     widest = float(np.abs(camera[0].blur_radius_px(np.array([480.0, 3200.0]))).max())
@@ -127,7 +127,8 @@ def trial(side: str, kind: str, seed: int) -> tuple[Array, Array]:
 
 def main() -> None:
     """Print each scene's figures."""
-    cases = [(side, kind, n) for side in sys.argv[1:] or SIDES for n, kind in enumerate(2 * KINDS, start=1)]
+    asked = options(__doc__, seeds=[1, 2, 3, 4], noise=40.0)
+    cases = [(side, KINDS[n % 2], n, asked.noise) for side in SIDES for n in asked.seeds]
     exact, random = (np.concatenate(one) for one in zip(*(trial(*case) for case in cases), strict=True))
     print(f"{exact.mean():.1%} of all distances are within 2 sigma, {random.mean():.1%} with random cameras")
 

@@ -1,7 +1,10 @@
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
+from scipy.signal import fftconvolve
 
 from procedures import BadParameter, CameraSetting
+from procedures.restoration.first_depth.initial_depth import cost_volume, least_level
 from procedures.restoration.masks.blur_models import mask_stack, pillbox
 from procedures.restoration.metres import (
     BEHIND,
@@ -12,6 +15,7 @@ from procedures.restoration.metres import (
     distances_of,
     unexplained,
 )
+from procedures.restoration.sampling_bias import without_bias
 
 from .conftest import scene
 
@@ -70,3 +74,24 @@ def test_depth_is_ambiguous_without_texture_and_unexplained_with_large_residuals
     assert not mask[:, :40].any()
     distances = distances_of(np.ones((60, 80)), np.where(mask, np.inf, 0.1), SETTING, FRONT)
     assert (np.isnan(distances.metres) == mask).all()
+
+
+def test_w_of_masks_summed_over_pixels_is_corrected(rng):
+    fine = 5
+    scene_light = gaussian_filter(rng.standard_normal((104 * fine + 4, 104 * fine + 4)), 3)
+
+    def photograph(radius):
+        y, x = (np.mgrid[0 : 25 * fine, 0 : 25 * fine] - 12.5 * fine + 0.5) / fine**2
+        disc = (np.hypot(y, x) <= radius).reshape(25, fine, 25, fine).sum(axis=(1, 3))
+        blurred = fftconvolve(scene_light, disc / disc.sum(), "valid")
+        return blurred.reshape(100, fine, 100, fine).mean(axis=(1, 3))[None]
+
+    sizes, levels = [(1.0, 0.0), (0.8, 0.0)], np.arange(0.3, 3.9, 0.05)
+    stacks = [mask_stack(pillbox(), 4.0, ratio=ratio, R=5) for ratio, _ in sizes]
+    for w, bias in ((0.9, -0.2), (1.2, -0.15), (1.8, 0.0)):
+        z = np.stack([photograph(ratio * w) for ratio, _ in sizes])
+        cost = cost_volume(z, stacks, np.ones(2), levels, 1)[20:-20, 20:-20].mean(axis=(0, 1))
+        found = least_level(cost[None, None], levels)
+        assert found == pytest.approx(w + bias, abs=0.06)
+        assert without_bias(found, pillbox(), sizes, stacks, z[0])[0] == pytest.approx(w, abs=0.05)
+    assert without_bias(np.array([[0.4]]), pillbox(), sizes, stacks, z[0])[0] == 0.4
