@@ -165,11 +165,11 @@ def rig_poses(frame: RawFrame, late_s: float = 0.0) -> Poses | None:
     open_s = frame.exposure.exposure_s
     if open_s is None:
         return None
-    with suppress(BadInput):
-        if frame.shaker_path is not None:
+    if frame.shaker_path is not None:
+        with suppress(BadInput):
             return poses_on(frame.shaker_path, open_s, late_s)
-    with suppress(BadInput):
-        if frame.imu is not None:
+    if frame.imu is not None:
+        with suppress(BadInput):
             return poses_of(frame.imu, open_s, late_s)
     return None
 

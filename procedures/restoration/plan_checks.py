@@ -59,18 +59,9 @@ def check_later(which: str, frame: RawFrame, facts: Facts) -> Advice:
     wrong = apertures_by_light(which, known)
     if wrong is not None:
         return wrong
-    light = light_against_first(frame, known)
-    ratio = aperture_ratio(known, which)
-    by_apertures = known.blur_by == APERTURES and ratio > 0
-    readings = (light, *((Reading("apertures", ratio, "", LEAST_RATIO, None),) if by_apertures else ()))
-    if by_apertures and ratio < LEAST_RATIO:
-        say = f"The apertures differ by a factor of {ratio:.2f}: make it {LEAST_RATIO:g} or more."
-        return Advice(False, say, readings, by_hand={"aperture": LEAST_RATIO / ratio})
-    if not light.good:
-        return unevenly_lit(light, readings)
-    return moved_away(frame, known) or Advice(
-        True, "It is as bright as the first.", readings, facts=noted(which, frame)
-    )
+    ratio = aperture_ratio(known, which) if known.blur_by == APERTURES else 0.0
+    say = f"The apertures differ by a factor of {ratio:.2f}: make it {LEAST_RATIO:g} or more."
+    return compared_to_first(frame, known, Reading("apertures", ratio, "", LEAST_RATIO, None), say, noted(which, frame))
 
 
 def check_truth(frame: RawFrame, facts: Facts) -> Advice:
@@ -78,18 +69,25 @@ def check_truth(frame: RawFrame, facts: Facts) -> Advice:
     noticed = {**noted(TRUTH, frame), "truth_sha256": frame.sha256}
     # a known f-number is that of an earlier ground truth
     known = facts_as(RestorationFacts, {**without(facts, "truth_f_number"), **noticed})
-    light, f_number = light_against_first(frame, known), f_number_of_truth(known)
+    f_number = f_number_of_truth(known)
     f_numbers = [N for which in known.blurred if (N := known.f_numbers[which]) is not None]
     largest = max(f_numbers, default=0.0)
-    ratio = f_number / largest if f_number and largest else 0.0
-    by_apertures = known.blur_by != MOTIONS and ratio > 0
-    readings = (light, *((Reading("aperture", ratio, "", LEAST_RATIO, None),) if by_apertures else ()))
-    if by_apertures and ratio < LEAST_RATIO:
-        say = (
-            f"The ground truth is taken at about f/{f_number:.3g}, the others at f/{largest:g} and wider: stop down as "
-            "far as the lens goes, and expose as much longer."
-        )
-        return Advice(False, say, readings, by_hand={"aperture": LEAST_RATIO / ratio})
+    ratio = f_number / largest if f_number and largest and known.blur_by != MOTIONS else 0.0
+    say = (
+        f"The ground truth is taken at about f/{f_number:.3g}, the others at f/{largest:g} and wider: stop down as far "
+        "as the lens goes, and expose as much longer."
+    )
+    return compared_to_first(frame, known, Reading("aperture", ratio, "", LEAST_RATIO, None), say, noticed)
+
+
+def compared_to_first(
+    frame: RawFrame, known: RestorationFacts, apertures: Reading, say: str, noticed: dict[str, Fact]
+) -> Advice:
+    """Require another aperture, `say` otherwise, where its ratio is not 0, then the first's brightness and place."""
+    light = light_against_first(frame, known)
+    readings = (light, apertures) if apertures.value else (light,)
+    if apertures.value and not apertures.good:
+        return Advice(False, say, readings, by_hand={"aperture": LEAST_RATIO / apertures.value})
     if not light.good:
         return unevenly_lit(light, readings)
     return moved_away(frame, known) or Advice(True, "It is as bright as the first.", readings, facts=noticed)

@@ -189,10 +189,10 @@ def _finding(motion: Finding) -> str:
 
 def _lenses(settings: RestoreSettings, frames: Sequence[RawFrame]) -> list[CameraSetting]:
     """Lens and focus of each photograph, in pixels of the plane. Raises BadParameter where something is missing."""
-    lenses = []
+    lenses, typed = [], [_repeated(each, len(frames)) for each in (settings.focus_m, settings.f_number)]
     for n, frame in enumerate(frames):
         recorded = frame.exposure
-        focus_m, f_number = (_one(each, n) for each in (settings.focus_m, settings.f_number))
+        focus_m, f_number = (each[n] if each else None for each in typed)
         known = {
             "--focal-length-mm": settings.focal_length_mm or recorded.focal_length_mm,
             "--f-number": f_number or recorded.f_number,
@@ -206,10 +206,6 @@ def _lenses(settings: RestoreSettings, frames: Sequence[RawFrame]) -> list[Camer
         pitch_um = pitch * next(iter(frame.planes.values())).pitch
         lenses.append(CameraSetting(focal, number, focus_mm, pitch_um, spread_of(settings.shape[0])))
     return lenses
-
-
-def _one(given: Sequence[float], n: int) -> float | None:
-    return (given[0] if len(given) == 1 else given[n]) if given else None
 
 
 def _sizes(settings: RestoreSettings, lenses: Sequence[CameraSetting]) -> list[tuple[float, float]]:

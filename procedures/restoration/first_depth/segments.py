@@ -2,6 +2,7 @@
 border."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -25,9 +26,9 @@ LEAST_PIXELS, BLEMISH_PIXELS = 40, 400
 a blemish."""
 
 
-def span(w: Array) -> Array:
-    """Maximum minus minimum of w in every neighbourhood of 3 x 3."""
-    return np.asarray(maximum_filter(w, 3) - minimum_filter(w, 3))
+def span(w: NDArray[Any], side: int = 3) -> NDArray[Any]:
+    """Maximum minus minimum of w in every neighbourhood of that side."""
+    return np.asarray(maximum_filter(w, side) - minimum_filter(w, side))
 
 
 def segments(w: Array, doubt: int, known: Labels | None = None, jump: float = JUMP_PX) -> Labels:
@@ -160,7 +161,7 @@ def _insert(others: list[list[Array]], distance: Array, surface: Array, k: int) 
 
 
 def _borders(labels: Labels) -> NDArray[np.bool_]:
-    return np.asarray(maximum_filter(labels, 3) != minimum_filter(labels, 3))
+    return span(labels) > 0
 
 
 def joined(labels: Labels) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:

@@ -8,9 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import find_objects, label, maximum_filter, minimum_filter, uniform_filter
+from scipy.ndimage import find_objects, label, uniform_filter
 
 from procedures.numerics.arrays import Mask
+from procedures.restoration.first_depth.segments import span
 from procedures.restoration.masks.blur_operator import Array
 from procedures.restoration.masks.mask_fields import Masks, half_size_at
 
@@ -87,10 +88,5 @@ def occlusion_of(w: Array, stacks: Sequence[Masks]) -> Occlusion:
     """Regions of possible occlusion at the edges of a depth w (H, W), from the photographs' masks."""
     widest = float(np.quantile(w, QUANTILE))
     reach = max(half_size_at(stack, widest) for stack in stacks) + BEYOND
-    step = _span(w, reach)
-    return Occlusion((step > LEAST_STEP) & (step > STEEP * _span(w, 2 * reach)), step)
-
-
-def _span(w: Array, reach: int) -> Array:
-    side = 2 * reach + 1
-    return np.asarray(maximum_filter(w, side) - minimum_filter(w, side))
+    step = span(w, 2 * reach + 1)
+    return Occlusion((step > LEAST_STEP) & (step > STEEP * span(w, 4 * reach + 1)), step)

@@ -20,6 +20,7 @@ Array = NDArray[np.floating[Any]]
 
 TAIL = 5.0
 """Half-width of the line's support, in widths of the line."""
+APERTURE_PX = 0.3
 
 
 @jitted(nogil=True, error_model="numpy")
@@ -135,9 +136,9 @@ def _share_changes(x: float, R: int, sigma: float, out: Array) -> tuple[int, int
 # --- a curve as a mask -----------------------------------------------------------------------------------------------
 
 
-def path_mask(path_px: Array, R: int, *, softness_px: float = 0.3) -> Array:
+def path_mask(path_px: Array, R: int) -> Array:
     """Mask (2R + 1, 2R + 1), sum 1, of a curve (n, 2), equation (5.2): each instant in four pixels, blurred by the
-    aperture `softness_px`. Raises BadInput if it leaves the mask."""
+    aperture. Raises BadInput if it leaves the mask."""
     if not np.abs(path_px).max() <= R - 1:  # nor where it is NaN
         raise BadInput(
             f"the motion of {np.abs(path_px).max():.1f} pixels leaves masks of half-size {R}", "raise --max-w"
@@ -149,5 +150,5 @@ def path_mask(path_px: Array, R: int, *, softness_px: float = 0.3) -> Array:
     for di, wy in ((0, 1 - fy), (1, fy)):
         for dj, wx in ((0, 1 - fx), (1, fx)):
             np.add.at(out, (i + di, j + dj), wy * wx)
-    out = gaussian_filter(out, softness_px, mode="constant")
+    out = gaussian_filter(out, APERTURE_PX, mode="constant")
     return np.asarray(out / out.sum())

@@ -20,6 +20,7 @@ from procedures.restoration.joint.data_term import conjugate_gradients
 from procedures.restoration.joint.priors import diffuse, total_variation
 from procedures.restoration.masks.blur_models import as_shape
 from procedures.restoration.masks.blur_operator import Array
+from procedures.restoration.unknown_motion.free_kernels import about_middle, unit
 
 CROSS = 100.0
 """Weight of the cross relation relative to the fit to the picture, both in squared gradients."""
@@ -86,7 +87,7 @@ def prototype_shapes(parts: Array, largest: int, rounds: int = 24, first: Array 
     residual = np.sqrt(np.mean([(fftconvolve(u, h, mode="valid") - z) ** 2 for h, z in zip(masks, parts, strict=True)]))
     if residual > MOST_RESIDUAL * parts.std():
         raise Refused(*NO_MASKS)
-    masks = centred(masks)
+    masks = about_middle(masks)
     half = reach(masks)
     return Prototypes(masks, np.stack([as_shape(h, half) for h in masks]), half, float(residual))
 
@@ -143,7 +144,7 @@ def _first_masks(parts: Array, R: int) -> Array:
     root = np.sqrt(np.maximum(values - values[0], 0) + 1e-3 * values[0] + 1e-12)[:, None] * vectors.T
     tie = np.sqrt(values[-1]) * np.repeat(np.eye(2), size * size, axis=1)
     target = np.concatenate([np.zeros(len(root)), np.sqrt(values[-1]) * np.ones(2)])
-    return _normalised(_non_negative(np.concatenate([root, tie]), target).reshape(2, size, size))
+    return unit(_non_negative(np.concatenate([root, tie]), target).reshape(2, size, size))
 
 
 def _non_negative(A: Array, b: Array) -> Array:
@@ -152,10 +153,6 @@ def _non_negative(A: Array, b: Array) -> Array:
         return np.asarray(nnls(A, b)[0])
     except RuntimeError as error:  # it does not converge where the photographs do not determine the masks
         raise Refused(*NO_MASKS) from error
-
-
-def _normalised(masks: Array) -> Array:
-    return np.asarray(masks / np.maximum(masks.sum(axis=(1, 2), keepdims=True), 1e-12))
 
 
 def _picture(parts: Array, masks: Array, u: Array, weight: float) -> Array:
@@ -194,15 +191,7 @@ def _masks(parts: Array, u: Array, relation: Array, R: int) -> Array:
     factor = np.linalg.cholesky(normal).T
     masks = _non_negative(factor, np.linalg.solve(factor.T, right.ravel())).reshape(2, size, size)
     masks[masks < 0.02 * masks.max()] = 0
-    return _normalised(masks)
-
-
-def centred(masks: Array) -> Array:
-    """The masks centred on their common extent: a common shift affects only the picture."""
-    rows, columns = (np.flatnonzero(masks.sum(axis=axes)) for axes in ((0, 2), (0, 1)))
-    R = masks.shape[1] // 2
-    shift = (round(R - (rows[0] + rows[-1]) / 2), round(R - (columns[0] + columns[-1]) / 2))
-    return np.asarray(np.roll(masks, shift, axis=(1, 2)))
+    return unit(masks)
 
 
 def reach(masks: Array) -> float:
