@@ -314,7 +314,7 @@ class Session:
     def acknowledge_notices(self) -> None:
         """Record that the operator has seen all notices. Raises WriteFailed."""
         if self.state.notices:
-            self.note("told")
+            self.note("acknowledged")
 
     def write_sums(self) -> None:
         """Write the hashes for `sha256sum --check`; postponed if the disk is full."""
