@@ -209,8 +209,8 @@ class Session:
         """Adopt a photograph: a verified read-only copy in originals/, recorded in the journal.
 
         The file also stays where the camera's software put it. On a full disk it stays only there; once there is room,
-        calling this again for it, or opening the session, continues. Raises ContentChanged if the file has changed since
-        its exposure; WriteFailed if the disk refuses.
+        calling this again for it, or opening the session, continues. Raises ContentChanged if the file has changed
+        since its exposure; WriteFailed if the disk refuses.
         """
         with self._guard:
             pending = self.state.adopting
