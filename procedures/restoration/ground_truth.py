@@ -58,7 +58,7 @@ def compare_to_ground_truth(
             outcome, aligned, "take it of the same scene from the same place, without motion and in focus"
         )
     stated = float(np.sqrt(np.mean(_on_planes(restoration.sharp_std, truth)[:, aligned.valid] ** 2)))
-    noise = min(noise_upper_bound(_stack(truth)[None]), restoration.diagnostics.noise) / aligned.light
+    noise = min(noise_upper_bound(stacked(truth)[None]), restoration.diagnostics.noise) / aligned.light
     softer = _softer(aligned)
     witness = GroundTruth(
         psnr_db=_psnr(aligned.error), before_db=tuple(_before(planes, truth) for planes in each),
@@ -138,7 +138,7 @@ class _Aligned:
 
 def _align(picture: Array, truth: Planes, counts: NDArray[np.bool_]) -> _Aligned | str:
     """The ground truth aligned to a picture of its planes, or the reason why it is invalid."""
-    planes = _stack(truth)
+    planes = stacked(truth)
     grey = [np.minimum(one.mean(axis=0), SATURATED).astype(np.float32) for one in (picture, planes)]
     matrix = affine_between(grey[0], grey[1], counts)
     size = (picture.shape[2], picture.shape[1])
@@ -164,7 +164,7 @@ ELSEWHERE = "the ground truth shows another scene, or the scene from another pla
 
 def _before(photograph: Planes, truth: Planes) -> float:
     """PSNR of a photograph before restoration; NaN where the ground truth cannot be aligned to it."""
-    stack = _stack(photograph)
+    stack = stacked(photograph)
     aligned = _align(stack, truth, np.asarray((stack < SATURATED).all(axis=0)))
     return float("nan") if isinstance(aligned, str) else _psnr(aligned.error)
 
@@ -190,7 +190,8 @@ def _without_noise(error: Array, noise: float) -> float:
     return float(np.sqrt(max(float(np.mean(error.astype(np.float64) ** 2)) - noise**2, 0.0)))
 
 
-def _stack(planes: Planes) -> Array:
+def stacked(planes: Planes) -> Array:
+    """Planes as channels, (C, H, W)."""
     return np.stack([plane.samples.astype(np.float64) for plane in planes.values()])
 
 

@@ -3,9 +3,6 @@
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 
-import numpy as np
-
-from procedures.numerics.arrays import Array
 from procedures.outcome import BadInput, BadParameter
 from procedures.plan import required
 from procedures.raw import Plane, RawFrame
@@ -29,11 +26,6 @@ ReadShape = Callable[[str, str | None, tuple[int, int] | None], Shape]
 """Reads a named shape for photographs (H, W) of a plane, or of any if None; raises ProcedureError."""
 
 
-def restored_plane(frame: RawFrame) -> Plane:
-    """The plane that is restored."""
-    return frame.planes.get("G1") or next(iter(frame.planes.values()))
-
-
 def split_ground_truth(frames: Sequence[RawFrame], known: RestorationFacts) -> tuple[list[RawFrame], RawFrame | None]:
     """The blurred photographs, and the ground truth where there is one."""
     each = [frames[n] for n in range(len(frames))]
@@ -45,13 +37,7 @@ def planes_of(frame: RawFrame, known: RestorationFacts) -> Mapping[str, Plane]:
     """The restored planes of a photograph: its whole mosaic, or one plane."""
     if known.colour == COLOUR and is_mosaic(frame.planes):
         return frame.planes
-    plane = restored_plane(frame)
-    return {plane.name: plane}
-
-
-def stacked(planes: Mapping[str, Plane]) -> Array:
-    """Planes as channels, (C, H, W)."""
-    return np.stack([plane.samples.astype(np.float64) for plane in planes.values()])
+    return {frame.guide.name: frame.guide}
 
 
 def named_shape(name: str, plane: str | None, size: tuple[int, int] | None) -> Shape:
@@ -156,7 +142,7 @@ def focal_px(frame: RawFrame, known: RestorationFacts) -> float | None:
         return None
     # the closer the focus, the farther the image is behind the lens (4.1)
     nearer = 1 - focal_mm / camera.subject_distance_mm if camera.subject_distance_mm else 1.0
-    return focal_mm / max(nearer, 0.5) / (pitch_um * 1e-3 * restored_plane(frame).pitch)
+    return focal_mm / max(nearer, 0.5) / (pitch_um * 1e-3 * frame.guide.pitch)
 
 
 def rig_poses(frame: RawFrame, late_s: float = 0.0) -> Poses | None:
@@ -194,7 +180,7 @@ def lens(frame: RawFrame, f_number: float | None, known: RestorationFacts) -> th
     focal_mm, focus_mm = camera.focal_length_mm, camera.subject_distance_mm or 1000 * (known.focus_m or 0.0)
     if not (focal_mm and focus_mm and pitch_um and f_number) or focus_mm <= focal_mm:
         return None
-    return thin_lens.CameraSetting(focal_mm, f_number, focus_mm, pitch_um * restored_plane(frame).pitch)
+    return thin_lens.CameraSetting(focal_mm, f_number, focus_mm, pitch_um * frame.guide.pitch)
 
 
 def blur_ratio(known: RestorationFacts, which: str = "second") -> float:

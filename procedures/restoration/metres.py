@@ -59,13 +59,12 @@ class Distances:
 
     common : (H, W)
         The part of the uncertainty that is common to the frame, from the lens data.
-    setting, side : input
+    side : input
     """
 
     metres: Array
     std: Array
     common: Array
-    setting: CameraSetting
     side: str
 
     @property
@@ -153,4 +152,4 @@ def distances_of(
     determined = (np.asarray(w_std) <= UNDETERMINED_PX) & (inverse > 2 * std)
     metres = np.where(determined, 1e-3 / np.where(determined, inverse, 1.0), np.nan)
     of_distance = 1e3 * metres**2
-    return Distances(metres, of_distance * std, of_distance * common, setting, side)
+    return Distances(metres, of_distance * std, of_distance * common, side)

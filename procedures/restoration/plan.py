@@ -43,7 +43,7 @@ from procedures.restoration.facts import (
     YES,
     RestorationFacts,
 )
-from procedures.restoration.ground_truth import compare_to_ground_truth
+from procedures.restoration.ground_truth import compare_to_ground_truth, stacked
 from procedures.restoration.joint.estimate import RestorationParameters
 from procedures.restoration.joint.kernel_sizes import DEFAULT_MAX_W
 from procedures.restoration.joint.result import Restoration
@@ -53,10 +53,8 @@ from procedures.restoration.known_blur import (
     blur_spec,
     named_shape,
     planes_of,
-    restored_plane,
     shape_names,
     split_ground_truth,
-    stacked,
 )
 from procedures.restoration.masks.blur_models import named
 from procedures.restoration.photograph_blur import blur_of
@@ -133,7 +131,7 @@ def shots(which: str, questions: tuple[Ask, ...], check: Mapping[str, Check]) ->
 
 def level_of(frame: RawFrame, facts: Facts, results: Sequence[Outcomes], known: Known) -> Outcomes:
     """Result of a single photograph: its mean."""
-    return {PICTURE: Outcome(float(np.mean(restored_plane(frame).samples)))}
+    return {PICTURE: Outcome(float(np.mean(frame.guide.samples)))}
 
 
 def enough(which: str) -> Any:

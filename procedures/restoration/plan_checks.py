@@ -17,7 +17,7 @@ from procedures.reading.exposure import disagreements
 from procedures.restoration.colour.mosaic import is_mosaic
 from procedures.restoration.facts import APERTURES, BOTH, COLOUR, MOTIONS, ORDER, SEARCH, TRUTH, RestorationFacts
 from procedures.restoration.flat_part import DETAIL_PX
-from procedures.restoration.known_blur import ReadShape, lens, named_shape, restored_plane, shapes_over
+from procedures.restoration.known_blur import ReadShape, lens, named_shape, shapes_over
 from procedures.restoration.progress import moved, view_of
 
 LEAST_RATIO = 1.15
@@ -33,7 +33,7 @@ TEXTURE = 5.0
 
 def check_first(frame: RawFrame, facts: Facts, read: ReadShape = named_shape) -> Advice:
     """Require a good exposure, and enough detail to estimate blur."""
-    plane, known = restored_plane(frame), facts_as(RestorationFacts, facts)
+    plane, known = frame.guide, facts_as(RestorationFacts, facts)
     wrong = no_colour(frame, known) or shape_unknown(frame, known, read) or contradicts_camera("first", frame, known)
     wrong = wrong or lens_unknown(frame, known)
     if wrong is not None:
@@ -68,7 +68,8 @@ def check_truth(frame: RawFrame, facts: Facts) -> Advice:
     """Require the brightness of the first, and the smallest aperture of all, where apertures blur."""
     noticed = {**noted(TRUTH, frame), "truth_sha256": frame.sha256}
     # a known f-number is that of an earlier ground truth
-    known = facts_as(RestorationFacts, {**without(facts, "truth_f_number"), **noticed})
+    others = {key: fact for key, fact in facts.items() if key != "truth_f_number"}
+    known = facts_as(RestorationFacts, {**others, **noticed})
     f_number = f_number_of_truth(known)
     f_numbers = [N for which in known.blurred if (N := known.f_numbers[which]) is not None]
     largest = max(f_numbers, default=0.0)
@@ -95,7 +96,7 @@ def compared_to_first(
 
 def moved_away(frame: RawFrame, known: RestorationFacts) -> Advice | None:
     """Advice where the camera stands elsewhere than for the first photograph; else None."""
-    plane = restored_plane(frame)
+    plane = frame.guide
     outline, size = moved(plane, known.first_view), math.hypot(*plane.samples.shape)
     if outline is None or outline.off_px < MOVED * size + 2 * (known.max_w or 0.0):
         return None
@@ -112,14 +113,9 @@ def f_number_of_truth(known: RestorationFacts) -> float:
     return float(N * np.sqrt(t2 * L1 / (t1 * L2))) if N and t1 and t2 and L1 and L2 else 0.0
 
 
-def without(facts: Facts, name: str) -> Facts:
-    """The facts without one of them."""
-    return {key: fact for key, fact in facts.items() if key != name}
-
-
 def light_against_first(frame: RawFrame, known: RestorationFacts) -> Reading:
     """Brightness of a photograph relative to the first, in per cent."""
-    level = float(np.mean(restored_plane(frame).samples))
+    level = float(np.mean(frame.guide.samples))
     change = 0.0 if known.first_level is None else level / known.first_level - 1
     return Reading("light", 100 * change, "%", -100 * SAME_LIGHT, 100 * SAME_LIGHT)
 
@@ -209,7 +205,7 @@ def noise_of(plane: Plane) -> float:
 
 def noted(which: str, frame: RawFrame) -> dict[str, Fact]:
     """Level, exposure time and aperture of a photograph, as facts."""
-    facts: dict[str, Fact] = {f"{which}_level": float(np.mean(restored_plane(frame).samples))}
+    facts: dict[str, Fact] = {f"{which}_level": float(np.mean(frame.guide.samples))}
     if frame.exposure.exposure_s:
         facts[f"{which}_exposure_s"] = float(frame.exposure.exposure_s)
     if frame.exposure.f_number:

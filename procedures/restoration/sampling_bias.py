@@ -53,7 +53,7 @@ def _found(
         for one, other in ((a, b), (b, a)):
             cost += np.abs(exact[one]) ** 2 @ (weight * np.abs(summed[other]) ** 2).T
         cost -= 2 * ((exact[a] * exact[b].conj()) @ (weight * summed[b] * summed[a].conj()).T).real
-    return least_level(cost[None].astype(np.float32), levels)[0], levels
+    return least_level(cost[None], levels)[0], levels
 
 
 def _transfer(image: Array, places: Array) -> NDArray[np.complex128]:

@@ -3,7 +3,7 @@
     python -m tests.benchmarks.restoration_metres [--seeds 1 2 3 4] [--noise 40]     odd: floor, box; even: wall, ball
 
 Scenes of 0.5 to 3 m before a lens of 12 mm at f/2.8 and f/3.5, 6 um pixels, noise in dB below the photographs. Light
-from a third of a pixel each is spread by the lens's own blur circles, drawn at a ninth of a pixel, and summed over
+from a third of a pixel each is spread by the lens's own blur circles, drawn at a 27th of a pixel, and summed over
 pixels; the restoration's code is not used. The camera's settings are known exactly, or with errors of their stated
 uncertainty.
 """
@@ -32,7 +32,7 @@ from tests.benchmarks.restoration_scenes import picture
 Array = np.ndarray
 SHAPE, PAD, RIM = (140, 180), 12, 12
 FOCUS_MM = {FRONT: 3600.0, BEHIND: 430.0}
-SCENE, FINE, LEVELS = 3, 3, 160
+SCENE, FINE, LEVELS = 3, 9, 160
 """Points of light along a pixel, and samples of a blur circle along their spacing. Light from the pixels' centres alone
 would suit the masks, which are sums over pixels, better than light of real scenes does."""
 CAMERAS = 60

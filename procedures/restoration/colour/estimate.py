@@ -13,6 +13,7 @@ from scipy.ndimage import shift as moved_by
 
 from procedures.raw import Plane
 from procedures.restoration.colour.mosaic import Mosaics, depth_on_sensor, mosaics, spread
+from procedures.restoration.first_depth.initial_depth import least_level
 from procedures.restoration.first_depth.segments import JUMP_PX
 from procedures.restoration.joint.data_term import DataTerm, restore_picture
 from procedures.restoration.joint.gauss_newton import PriorWeights, joint_step
@@ -181,17 +182,10 @@ def searched(data: MosaicTerm, u: Array, w: Array, sigma: float) -> tuple[Array,
         wide = np.clip(np.pad(w + offset * STEP, R, mode="edge"), 0, limit).astype(u.dtype)
         picture = alone(data, u, wide, sigma, 2, 20)
         residuals.append(uniform_filter((data.residual(picture) ** 2).sum(axis=(0, 1)), WINDOW))
-    move = STEP * gaussian_filter(OFFSETS[0] + _lowest(np.stack(residuals)), WINDOW / 3)
+    lowest = least_level(np.stack(residuals, axis=-1), STEP * np.array(OFFSETS))
+    move = gaussian_filter(lowest, WINDOW / 3)
     better = np.clip(w + move - np.clip(move, -SURE, SURE), 0, limit)
     return np.asarray(better), np.asarray(np.sqrt(gaussian_filter(move**2, WINDOW / 3)))
-
-
-def _lowest(costs: Array) -> Array:
-    """Position of the minimum of costs (N, H, W) along the first axis, refined by a parabola through three samples."""
-    middle = np.clip(costs.argmin(axis=0), 1, len(costs) - 2)
-    before, at, after = (np.take_along_axis(costs, (middle + n)[None], axis=0)[0] for n in (-1, 0, 1))
-    bend = np.maximum(before - 2 * at + after, 1e-30)
-    return np.asarray(middle + np.clip((before - after) / (2 * bend), -1, 1))
 
 
 # --- picture and depth of minimal cost ------------------------------------------------------------------------------

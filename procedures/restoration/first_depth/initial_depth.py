@@ -198,7 +198,7 @@ def _windows(stacks: Sequence[MaskStack], levels: Array, window: int, even: floa
     return [window + 2 * round(even * (reach[-1] - r) / 2) for r in reach]
 
 
-def least_level(cost: F32, levels: Array) -> Array:
+def least_level(cost: Array, levels: Array) -> Array:
     """w of minimal cost at every pixel, refined by a parabola through its neighbours."""
     k = np.clip(cost.argmin(axis=2), 1, cost.shape[2] - 2)[..., None]
     a, b, c = (np.take_along_axis(cost, k + d, axis=2)[..., 0].astype(np.float64) for d in (-1, 0, 1))

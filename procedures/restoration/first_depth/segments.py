@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, find_objects, label, maximum_filter, minimum_filter, watershed_ift
 
 from procedures.numerics.arrays import Mask
-from procedures.restoration.masks.array_loops import gaussian
 from procedures.restoration.masks.blur_operator import Array
 
 Labels = NDArray[np.int32]
@@ -178,9 +177,11 @@ TRUNCATE = 3.5
 def fit_planes(w: Array, known: Array, sigma: float) -> tuple[Array, Array]:
     """Values of least-squares planes of w (H, W) in a Gaussian window about every pixel, weighted by `known`, and the
     known mass in it; regularised, so that far from depths a plane is a mean."""
+    side, kind = 2 * int(TRUNCATE * sigma + 0.5) + 1, cv2.CV_32F if w.dtype == np.float32 else cv2.CV_64F
+    window = cv2.getGaussianKernel(side, sigma, kind)
 
     def mean(a: Array) -> Array:
-        return gaussian(a, sigma, TRUNCATE)
+        return np.asarray(cv2.sepFilter2D(a, kind, window, window, borderType=cv2.BORDER_REPLICATE), a.dtype)
 
     y, x = np.indices(w.shape).astype(w.dtype)
     mass = mean(known)

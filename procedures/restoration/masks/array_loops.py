@@ -98,20 +98,6 @@ def add_bending(out: Array, x: Array, weight: float, down: Array | float, across
     in_bands(partial(_add_bending, *at), bands_of(len(x), 2 * PASSES * x.size))
 
 
-def gaussian(a: Array, sigma: float, truncate: float) -> Array:
-    """a (H, W) under a Gaussian window of `sigma` pixels truncated at `truncate` sigma, with even boundary."""
-    reach = int(truncate * sigma + 0.5)
-    half = np.exp(-0.5 * (np.arange(reach + 1) / sigma) ** 2)
-    half = (half / (2 * half.sum() - 1)).astype(a.dtype)
-    for _ in range(2):  # down, and across
-        wide = np.ascontiguousarray(a)
-        out = np.empty_like(wide)
-        at = (wide, half, out)
-        in_bands(partial(_window_down, *at), bands_of(len(wide), wide.size * reach))
-        a = out.T
-    return a
-
-
 def _rows(weights: Array | float, width: int, dtype: Any) -> Array:
     """Weights as rows; one row for a constant."""
     return np.full((1, width), weights, dtype) if np.ndim(weights) == 0 else np.ascontiguousarray(weights, dtype)
@@ -187,16 +173,3 @@ def _add_bending(out: Array, x: Array, weight: Any, down: Array, across: Array, 
                 to[0] += sign * e[0]
                 for j in range(1, width):
                     to[j] += sign * (e[j] - e[j - 1])
-
-
-@jitted(fastmath=True, nogil=True)
-def _window_down(a: Array, half: Array, out: Array, top: int, bottom: int) -> None:
-    height, width = a.shape
-    for i in range(top, bottom):
-        row = out[i]
-        for j in range(width):
-            row[j] = half[0] * a[i, j]
-        for t in range(1, half.size):
-            part, above, below = half[t], a[max(i - t, 0)], a[min(i + t, height - 1)]
-            for j in range(width):
-                row[j] += part * (above[j] + below[j])

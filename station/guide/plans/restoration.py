@@ -7,8 +7,9 @@ from pathlib import Path
 from procedures.plan import Facts, Outcomes, Plan, facts_as
 from procedures.raw import RawFrame
 from procedures.restoration.facts import RestorationFacts
+from procedures.restoration.ground_truth import stacked
 from procedures.restoration.joint.result import Restoration
-from procedures.restoration.known_blur import planes_of, rig_poses, split_ground_truth, stacked
+from procedures.restoration.known_blur import planes_of, rig_poses, split_ground_truth
 from procedures.restoration.photograph_blur import Shape
 from procedures.restoration.plan import plan as restoration_plan
 from station.calibration.restoration.inputs import files_in, imu_table, poses_table, read_blur_shape, with_files

@@ -62,12 +62,17 @@ def scene():
     return gaussian_filter(grey, 0.6), w
 
 
-def restored(u, w, stacks, origins):
+def begun(u, w, stacks, origins):
+    """Mosaics, the first picture, the data term and the unknowns."""
     planes = photographed(u, w, stacks, origins)
     mosaic = mosaics(planes, np.ones(2))
     first = spread({n: one.samples for n, one in planes[0].items()}, origins) / mosaic.gains[:, None, None]
-    term = problem_of(mosaic, stacks, np.float32)
-    u, _ = descended(term, unknowns_of(mosaic, first, R, np.float32), w[R:-R, R:-R], SIGMA, joint=0)
+    return mosaic, first, problem_of(mosaic, stacks, np.float32), unknowns_of(mosaic, first, R, np.float32)
+
+
+def restored(u, w, stacks, origins):
+    mosaic, first, term, u = begun(u, w, stacks, origins)
+    u, _ = descended(term, u, w[R:-R, R:-R], SIGMA, joint=0)
     gains, picture = mosaic.gains[:, None, None], np.tensordot(np.linalg.inv(mixing()), u[:, R:-R, R:-R], axes=1)
     return gains * picture, term.residual(u).sum(axis=1, keepdims=True), first * gains
 
@@ -91,12 +96,9 @@ def test_blur_as_small_as_a_plane_s_pixels_is_estimated_on_the_sensor_s_grid(sce
     grey, _ = scene
     stacks = [mask_stack(pillbox(), 3.0, ratio=ratio, R=R) for ratio in (1.0, 1.5)]
     true = np.full_like(grey, 1.4)
-    planes = photographed(LIGHT[:, None, None] * grey, true, stacks, PHASES["RGGB"])
-    mosaic = mosaics(planes, np.ones(2))
-    first = spread({n: one.samples for n, one in planes[0].items()}, PHASES["RGGB"]) / mosaic.gains[:, None, None]
-    term = problem_of(mosaic, stacks, np.float32)
+    *_, term, unknowns = begun(LIGHT[:, None, None] * grey, true, stacks, PHASES["RGGB"])
     start = np.full(SHAPE, 0.8)
-    w, off = searched(term, unknowns_of(mosaic, first, R, np.float32), start, SIGMA)
+    w, off = searched(term, unknowns, start, SIGMA)
     assert np.median(w) == pytest.approx(1.4, abs=0.15)
     assert np.mean(np.abs(start - 1.4) < 2 * off) > 0.95
 
@@ -107,12 +109,8 @@ def test_estimated_error_of_a_colour_picture_is_its_error(scene, stacks):
     grey, w = scene
     tint = np.sign(gaussian_filter(np.random.default_rng(8).standard_normal(grey.shape), 3))
     u = LIGHT[:, None, None] * grey * np.exp(np.array([0.3, 0.0, -0.2])[:, None, None] * tint)
-    planes = photographed(u, w, stacks, PHASES["RGGB"])
-    mosaic = mosaics(planes, np.ones(2))
-    first = spread({n: one.samples for n, one in planes[0].items()}, PHASES["RGGB"]) / mosaic.gains[:, None, None]
-    term = problem_of(mosaic, stacks, np.float32)
-    inside = w[R:-R, R:-R]
-    unknowns, _ = descended(term, unknowns_of(mosaic, first, R, np.float32), inside, SIGMA, joint=0)
+    mosaic, _, term, unknowns = begun(u, w, stacks, PHASES["RGGB"])
+    unknowns, _ = descended(term, unknowns, w[R:-R, R:-R], SIGMA, joint=0)
     error = np.abs(unknowns - np.tensordot(mixing(), u / mosaic.gains[:, None, None], axes=1))[:, R:-R, R:-R]
     std = spread_out(error_of(term, unknowns, w, SIGMA, SIGMA)[:, R:-R, R:-R], 2 * R + 1)
     assert 0.88 < np.mean(error < 2 * std) < 0.995

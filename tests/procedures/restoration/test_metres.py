@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
-from scipy.signal import fftconvolve
 
 from procedures import BadParameter, CameraSetting
 from procedures.restoration.first_depth.initial_depth import cost_volume, least_level
@@ -16,6 +15,7 @@ from procedures.restoration.metres import (
     unexplained,
 )
 from procedures.restoration.sampling_bias import without_bias
+from tests.benchmarks.restoration_metres import PAD, SCENE, photograph, pixels
 
 from .conftest import scene
 
@@ -77,21 +77,13 @@ def test_depth_is_ambiguous_without_texture_and_unexplained_with_large_residuals
 
 
 def test_w_of_masks_summed_over_pixels_is_corrected(rng):
-    fine = 5
-    scene_light = gaussian_filter(rng.standard_normal((104 * fine + 4, 104 * fine + 4)), 3)
-
-    def photograph(radius):
-        y, x = (np.mgrid[0 : 25 * fine, 0 : 25 * fine] - 12.5 * fine + 0.5) / fine**2
-        disc = (np.hypot(y, x) <= radius).reshape(25, fine, 25, fine).sum(axis=(1, 3))
-        blurred = fftconvolve(scene_light, disc / disc.sum(), "valid")
-        return blurred.reshape(100, fine, 100, fine).mean(axis=(1, 3))[None]
-
+    light = gaussian_filter(rng.standard_normal((SCENE * (96 + 2 * PAD),) * 2), 1)
     sizes, levels = [(1.0, 0.0), (0.8, 0.0)], np.arange(0.3, 3.9, 0.05)
     stacks = [mask_stack(pillbox(), 4.0, ratio=ratio, R=5) for ratio, _ in sizes]
-    for w, bias in ((0.9, -0.2), (1.2, -0.15), (1.8, 0.0)):
-        z = np.stack([photograph(ratio * w) for ratio, _ in sizes])
+    for w, bias in ((1.05, -0.17), (1.3, -0.1), (1.8, 0.0)):
+        z = np.stack([photograph(light, np.full(light.shape, ratio * w))[None] for ratio, _ in sizes])
         cost = cost_volume(z, stacks, np.ones(2), levels, 1)[20:-20, 20:-20].mean(axis=(0, 1))
         found = least_level(cost[None, None], levels)
         assert found == pytest.approx(w + bias, abs=0.06)
-        assert without_bias(found, pillbox(), sizes, stacks, z[0])[0] == pytest.approx(w, abs=0.05)
+        assert without_bias(found, pillbox(), sizes, stacks, pixels(light)[None])[0] == pytest.approx(w, abs=0.08)
     assert without_bias(np.array([[0.4]]), pillbox(), sizes, stacks, z[0])[0] == 0.4

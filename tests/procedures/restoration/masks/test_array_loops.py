@@ -2,18 +2,10 @@
 
 import numpy as np
 import pytest
-from scipy.ndimage import gaussian_filter, laplace
+from scipy.ndimage import laplace
 
 from procedures.restoration.masks import array_loops
-from procedures.restoration.masks.array_loops import add_bending, add_diffusion, advance, gaussian, turn
-
-
-@pytest.mark.parametrize("sigma", [0.7, 4.0, 30.0])  # the last reaches beyond the frame from everywhere
-def test_a_window_of_gaussian_weight(rng, sigma):
-    a = rng.standard_normal((23, 31))
-    np.testing.assert_allclose(
-        gaussian(a, sigma, 3.5), gaussian_filter(a, sigma, truncate=3.5, mode="nearest"), atol=1e-14
-    )
+from procedures.restoration.masks.array_loops import add_bending, add_diffusion, advance, turn
 
 
 @pytest.mark.parametrize("threads", [1, 3])
