@@ -86,11 +86,6 @@ class DataTerm:
         return out
 
 
-def inner(a: Array, b: Array) -> float:
-    """Scalar product of two arrays."""
-    return float(np.vdot(a, b))
-
-
 def conjugate_gradients(
     apply: Callable[[Array], Array], gradient: Array, iterations: int, divide: Array | float = 1.0,
     tolerance: float = 0.0,
@@ -102,18 +97,18 @@ def conjugate_gradients(
     plain = np.ndim(divide) == 0 and divide == 1
     y = r if plain else r / divide
     p = y.copy()
-    size = first = inner(r, y)
+    size = first = float(np.vdot(r, y))
     for _ in range(iterations):
         if size <= tolerance * first:
             break
         q = apply(p)
-        bend = inner(p, q)
+        bend = float(np.vdot(p, q))
         if bend <= 0:
             break
         advance(x, r, p, q, size / bend)
         if not plain:
             np.divide(r, divide, out=y)
-        before, size = size, inner(r, y)
+        before, size = size, float(np.vdot(r, y))
         turn(p, y, size / before)
     return x
 

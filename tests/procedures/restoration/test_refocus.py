@@ -36,22 +36,15 @@ def test_polygon_in_front_and_behind_are_mirror_images():
     np.testing.assert_allclose(front, behind[::-1, ::-1], atol=1.5 / np.count_nonzero(front > 0))
 
 
-def test_what_is_sharp_in_front_is_not_covered_by_blur_from_behind():
-    sharp = np.zeros((1, 40, 60))
-    sharp[..., 30:] = 1.0
-    metres = flat(0.0, (40, 60))
-    metres[:, 30:] = float(SETTING.distance_mm(-5.0)) / 1000
-    picture = refocus(sharp, metres, SETTING, pillbox()).picture[0]
-    assert picture[:, :30].max() == 0.0  # the edge in front stays sharp
-    assert picture[:, 30:].min() == pytest.approx(1.0)  # nothing dark spreads behind it
+def test_blur_spreads_over_what_is_behind_and_not_over_what_is_sharp_in_front():
+    def half_bright(half, radius):
+        sharp, metres = np.zeros((1, 40, 60)), flat(0.0, (40, 60))
+        sharp[..., half], metres[:, half] = 1.0, float(SETTING.distance_mm(radius)) / 1000
+        return refocus(sharp, metres, SETTING, pillbox()).picture[0]
 
-
-def test_blur_in_front_spreads_over_what_is_behind():
-    sharp = np.zeros((1, 40, 60))
-    sharp[..., :30] = 1.0
-    metres = flat(0.0, (40, 60))
-    metres[:, :30] = float(SETTING.distance_mm(5.0)) / 1000
-    row = refocus(sharp, metres, SETTING, pillbox()).picture[0, 20]
+    behind, row = half_bright(slice(30, None), -5.0), half_bright(slice(30), 5.0)[20]
+    assert behind[:, :30].max() == 0.0  # the edge in front stays sharp
+    assert behind[:, 30:].min() == pytest.approx(1.0)  # nothing dark spreads behind it
     beyond = (math.acos(0.3) - 0.3 * math.sqrt(1 - 0.3**2)) / math.pi  # of a disc of radius 5, a chord at 1.5
     assert row[31] == pytest.approx(beyond, abs=0.01)
     assert row[36:].max() == 0.0
