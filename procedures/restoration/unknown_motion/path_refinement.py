@@ -297,19 +297,17 @@ def _settled(
     hopping = BasinHopping(curves, rng, s.bends)
     starts = [(points - by, by) for points in pairs for by in _origins(points)]
     step = counted(report, len(starts) + min(s.restored, len(starts)) * (1 + s.more))
-    matched = []
+    matched, tried = [], []
     for points, by in starts:
         matched.append((_matched(view, points), hopping.about_origin(by)))
         step()
-    first = sorted(matched, key=lambda each: each[0].energy)[: s.restored]
-    done = 0 if view.noisy else MATCHED_DONE
-    hopped = ((_hop(view, _restored(view, fit.points, fit, done), those), those) for fit, those in first)
-    ends: list[_Fit] = []
-    # with strong noise the best has a larger energy, too: then the better of all is optimised, else the next if need be
-    for fit, those in sorted(hopped, key=lambda each: each[0].energy) if view.noisy else hopped:
+    for fit, those in sorted(matched, key=lambda each: each[0].energy)[: s.restored]:
+        tried.append((_hop(view, _restored(view, fit.points, fit, 0 if view.noisy else MATCHED_DONE), those), those))
         step()
+    ends: list[_Fit] = []
+    for fit, those in sorted(tried, key=lambda each: each[0].energy):
         ends.append(_hop_repeatedly(view, fit, those, step))
-        if view.noisy or ends[-1].energy < ENOUGH:
+        if view.noisy or ends[-1].energy < ENOUGH:  # with strong noise the best has a larger energy, too
             break
     return min(ends, key=lambda fit: fit.energy)
 
