@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from procedures.restoration.joint.data_term import DataTerm, inner, restore_picture
+from procedures.restoration.joint.data_term import DataTerm, restore_picture
 from procedures.restoration.joint.joint_descent import problem_of
 from procedures.restoration.joint.priors import diffuse, roughness, total_variation
 from procedures.restoration.masks.blur_operator import MaskStack
@@ -64,8 +64,8 @@ def _descend(
     x = np.zeros((len(u) + 1, *w.shape), w.dtype)
     x[-1] = downhill
     change = data.change(u, x)
-    slope = inner(downhill, downhill)
-    step = slope / max(inner(change, change) + 2 * weight * roughness(downhill, *variation), 1e-30)
+    slope = float(np.vdot(downhill, downhill))
+    step = slope / max(float(np.vdot(change, change)) + 2 * weight * roughness(downhill, *variation), 1e-30)
     before = _cost(data, u, w, weight)
     for _ in range(HALVINGS):
         moved = np.clip(w + np.float32(step) * downhill, 0, most)
@@ -79,4 +79,4 @@ def _cost(data: DataTerm, u: npt.NDArray[np.float32], w: npt.NDArray[np.float32]
     data.focus(w)
     e = data.residual(u)
     down, across = np.gradient(w)
-    return 0.5 * inner(e, e) + weight * float(np.sum(np.sqrt(down**2 + across**2 + LEAST_SLOPE**2)))
+    return 0.5 * float(np.vdot(e, e)) + weight * float(np.sum(np.sqrt(down**2 + across**2 + LEAST_SLOPE**2)))
