@@ -31,7 +31,10 @@ def bench(tmp_path):
     bench.close()
 
 
-@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT"])
+# each of them within this process: tests/station/bench/test_opening.py
+@pytest.mark.parametrize(
+    "number", ["SIGINT", "SIGHUP", *(pytest.param(one, marks=pytest.mark.nightly) for one in ("SIGTERM", "SIGQUIT"))]
+)
 def test_a_signal_during_homing_stops_and_says_so(bench, tmp_path, number, start_program, read_until):
     words = ["--plain", "--config", tmp_path / "station.toml", "--sessions", tmp_path / "kept"]
     program = start_program(
@@ -55,8 +58,9 @@ def test_a_signal_during_homing_stops_and_says_so(bench, tmp_path, number, start
 
 @pytest.mark.parametrize(
     ("way", "place"),
-    [("exception", "clogged"), ("INT", "gone"), ("F12", "move"), ("Ctrl-C", "homing"), ("Ctrl-C", "move"),
-     ("app INT", "move"), ("app TSTP", "move")],
+    [("exception", "clogged"), ("INT", "gone"), ("F12", "move"), ("Ctrl-C", "move"), ("app TSTP", "move"),
+     pytest.param("Ctrl-C", "homing", marks=pytest.mark.nightly),
+     pytest.param("app INT", "move", marks=pytest.mark.nightly)],
 )  # fmt: skip
 def test_the_stop_is_on_the_wires_and_nothing_follows_it(way, place):
     sys.path.insert(0, str(ROOT / "tests" / "benchmarks"))
