@@ -225,7 +225,7 @@ def test_defocus_beyond_use_is_refused() -> None:
 
 
 @pytest.mark.nightly
-def test_defocus_beyond_every_support_is_doubted(rng: np.random.Generator) -> None:
+def test_defocus_beyond_every_support_is_doubtful(rng: np.random.Generator) -> None:
     # a small chart, where any support may be chosen: a larger one is, and does not do
     outcome = estimate_psf(photograph(gaussian_px=1.75, pixels=70, size=(150, 150)).plane(0.005, rng), CHART)
     assert outcome.verdict is not Verdict.PASS
