@@ -113,7 +113,7 @@ BATCHES: dict[str, tuple[Callable[[Path, pytest.MonkeyPatch], str], str]] = {
     "vignetting": (made(cases.vignetting, ""), "corner_light"),
 }
 """Inputs and procedure file, and a number that has a limit."""
-LONG = {"correct", "field", "pattern", "sensor", "series", "sharpen", "two-photo"}
+LONG = {"correct", "field", "pattern", "sensor", "series", "sharpen", "two-photo", "witnessed"}
 """Those whose measuring takes more than a second, with inputs of a kind that others have too."""
 
 
