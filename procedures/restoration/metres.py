@@ -26,7 +26,7 @@ MASKS_PX = 0.01
 """Standard uncertainty of w in addition to all others: masks are interpolated."""
 MOVED, BIAS = 0.4, 1 / 3
 """Standard uncertainties of w relative to its change since the first depth, root mean square over a window of `NEAR`,
-and to the correction of its bias. Chosen on twelve scenes of two renderers, with eleven others to check."""
+and to the correction of its bias. Chosen on twelve scenes of two renderers, with nineteen others to check."""
 NEAR, LEAST_NEAR = 31, 0.4
 """Side of a window, pixels, of which that fraction must have a distance: small islands amid places that picture and
 depth do not explain belong to the wrong surface."""

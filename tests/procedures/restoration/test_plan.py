@@ -82,11 +82,6 @@ def test_an_f_number_that_contradicts_the_camera_is_named_and_may_be_insisted_on
     assert check(frame(image, f_number=noted), {**facts, f"insisted_{which}_f_number": True}).contradictory == ()
 
 
-def test_a_pixel_pitch_that_contradicts_the_camera_is_named(pair):
-    advice = check_first(frame(pair.z[0, 0], pixel_pitch_um=4.0), {**FACTS, "pixel_pitch_um": 5.94})
-    assert advice.contradictory == ("pixel_pitch_um",)
-
-
 def test_a_third_aperture_differs_from_both_others_and_is_as_bright_as_the_first(pair):
     image = pair.z[0, 0]
     facts = {**FACTS, "photographs": 3.0, "first_level": float(image.mean())}
@@ -158,13 +153,6 @@ def test_an_unrecorded_f_number_is_compared_with_the_light(pair, factor):
     assert "By exposure times and light the first f-number is 1.25 times the second" in advice.say
 
 
-def test_blur_is_proportional_to_the_aperture():
-    assert blur_ratio(facts_as(RestorationFacts, FACTS)) == 1.25
-    assert aperture_ratio(RestorationFacts(first_f_number=4.0, second_f_number=5.0)) == 1.25
-    with pytest.raises(BadParameter, match="first f-number is not known; give all"):
-        blur_ratio(RestorationFacts())
-
-
 def test_two_planes_of_focus_are_an_offset_and_an_unknown_shape_is_asked_for_again(pair):
     known = facts_as(RestorationFacts, {**FACTS, "pixel_pitch_um": 6.0})
     focus = (800.0, 760.0)
@@ -183,6 +171,8 @@ def test_two_planes_of_focus_are_an_offset_and_an_unknown_shape_is_asked_for_aga
         advice = check_first(frame(image), {**FACTS, "shape": typed})
         assert advice.contradictory == ("shape",)
         assert typed in advice.say
+    advice = check_first(frame(image, pixel_pitch_um=4.0), {**FACTS, "pixel_pitch_um": 5.94})
+    assert advice.contradictory == ("pixel_pitch_um",)
 
 
 def test_parts_are_marked_or_have_the_most_detail():
@@ -213,6 +203,10 @@ def test_three_blurs_are_proportional_to_the_apertures_and_a_flat_part_determine
     known = facts_as(RestorationFacts, {**FACTS, "third_f_number": 2.5})
     source = blur_spec([frame(pair.z[0, 0])] * 3, known).source
     assert source.ratios == (1.0, 1.25, 2.0)
+    assert blur_ratio(facts_as(RestorationFacts, FACTS)) == 1.25
+    assert aperture_ratio(RestorationFacts(first_f_number=4.0, second_f_number=5.0)) == 1.25
+    with pytest.raises(BadParameter, match="first f-number is not known; give all"):
+        blur_ratio(RestorationFacts())
     assert len(source.shapes) == 3
     frames, known = [frame(pair.z[0, 0])] * 3, facts_as(RestorationFacts, {**FACTS, "blur_by": MOTIONS})
     assert blur_spec(frames[:2], known).source.region is None

@@ -50,15 +50,12 @@ def test_blur_spreads_over_what_is_behind_and_not_over_what_is_sharp_in_front():
     assert row[36:].max() == 0.0
 
 
-def test_depth_of_field_ends_where_the_circle_is_a_pixel_wide():
+def test_depth_of_field_ends_where_the_circle_is_a_pixel_wide_and_too_wide_ones_are_refused():
     result = refocus(np.zeros((1, 4, 4)), flat(0.0, (4, 4)), SETTING, pillbox())
     for name, radius in (("depth_of_field_near", 0.5), ("depth_of_field_far", -0.5)):
         assert float(SETTING.blur_radius_px(1000 * result.numbers[name].value)) == pytest.approx(radius)
     # hyperfocal distance f^2 / (N c) of a circle one pixel wide: l_s = H gives a far limit at infinity
     hyperfocal = CameraSetting(50, 2.8, 50**2 / (2.8 * 0.006) + 50, 6)
     assert "depth_of_field_far" not in refocus(np.zeros((1, 4, 4)), flat(0.0, (4, 4)), hyperfocal, pillbox()).numbers
-
-
-def test_circles_wider_than_the_picture_allows_are_refused():
     with pytest.raises(BadParameter, match="blur circles"):
         refocus(np.zeros((1, 4, 4)), flat(80.0, (4, 4)), SETTING, pillbox())
