@@ -216,21 +216,24 @@ def _fall(samples: _Samples) -> tuple[float, int]:
 def _halo(samples: _Samples, profile: EdgeProfile, radius_px: float) -> Strength:
     """Unsharp mask beside the edge: light that is missing there, with levels, tail and slope of the light unknown."""
     x, total, count = _binned(samples)
-    near = np.abs(x) > max(HALO_WIDTHS * profile.width_px, HALO_FROM_PX)
-    kept = near & (count > 0)
+    start = max(HALO_WIDTHS * profile.width_px, HALO_FROM_PX)
+    kept = (np.abs(x) > start) & (count > 0)
     if np.count_nonzero(kept & (x < 0)) < BINS or np.count_nonzero(kept & (x > 0)) < BINS:
         return Strength()
+    d, dark, bright = x[kept], *(profile.light[:2] / profile.contrast)
+    base = np.where(d < 0, dark, bright)
+    plains = np.column_stack([d < 0, d > 0, -1 / d, 1 / d**2, base * d * LIGHT_UNITS[3]])
+    weight = np.sqrt(count[kept] / np.where(d < 0, *samples.variances))[:, None]
+    values = filled(total, count)[kept] - (d > 0)
+    # the mask is that of the edge and of its plains' model: their noise would look like a mask of itself
     reach = int(6 * radius_px * BINS)
     wide = x[0] - reach / BINS + np.arange(len(x) + 2 * reach) / BINS
-    inside = np.abs(wide) < 0.9 * profile.end_px
-    esf = np.where(inside, np.interp(wide, profile.centres, profile.esf), (wide > 0) - profile.tail / wide)
+    model = np.linalg.lstsq(plains * weight, values * weight[:, 0], rcond=None)[0]
+    low, high, tail, lean = model[:4]
+    far = np.where(wide < 0, low, 1 + high) - tail / wide + lean / wide**2
+    esf = np.where(np.abs(wide) < start, np.interp(wide, profile.centres, profile.esf), far)
     mask = (esf - gaussian_filter1d(esf, radius_px * BINS))[reach:-reach]
-    d = x[kept]
-    dark, bright = profile.light[:2] / profile.contrast
-    base = np.where(d < 0, dark, bright)
-    columns = np.column_stack([d < 0, d > 0, -1 / d, 1 / d**2, base * d * LIGHT_UNITS[3], mask[kept]])
-    weight = np.sqrt(count[kept] / np.where(d < 0, *samples.variances))[:, None]
+    columns = np.column_stack([plains, mask[kept]])
     covariance = np.linalg.pinv((columns * weight).T @ (columns * weight))
-    values = filled(total, count)[kept] - (d > 0)
     answer = covariance @ ((columns * weight).T @ (values * weight[:, 0]))
     return Strength(float(answer[-1]), float(np.sqrt(covariance[-1, -1])))
