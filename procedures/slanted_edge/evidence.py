@@ -111,7 +111,7 @@ def examine(strip: Strip, course: Course, profile: EdgeProfile, mtf: Array, of_m
     samples = _Samples(d, value, inside, variances)
     averaged = replace(samples, variances=(variances[0] * inflation[0], variances[1] * inflation[1]))
     scatter, scatter_px, scattered, spared = _scatter(samples, profile)
-    fall, windows = _fall(averaged)
+    fall, windows = _fall(averaged, profile.slope_uncertainty * profile.light[:2] / profile.contrast)
     halo, wide = (_halo(averaged, profile, radius) for radius in (HALO_PX, WIDE_PX))
     tail = profile.tail_estimate
     excess = (mtf - np.minimum.accumulate(mtf) - LOBE) / np.maximum(of_mtf, MTF_MODEL)
@@ -195,8 +195,11 @@ def _binned(samples: _Samples) -> tuple[Array, Array, Array]:
     return (np.arange(-K, K) + 0.5) / BINS, total, count
 
 
-def _fall(samples: _Samples) -> tuple[float, int]:
-    """Largest fall of the spread function from a window to the next, in standard uncertainties; number of windows."""
+def _fall(samples: _Samples, slopes: Array) -> tuple[float, int]:
+    """Largest fall of the spread function from a window to the next, in standard uncertainties; number of windows.
+
+    slopes : uncertainty of the light's slope per pixel, dark and bright
+    """
     x, total, count = _binned(samples)
     noise = count * np.where(x < 0, *samples.variances)
     sums = np.concatenate([np.zeros((3, 1)), np.cumsum([count, total, noise], axis=1)], axis=1)
@@ -207,7 +210,8 @@ def _fall(samples: _Samples) -> tuple[float, int]:
         first, second = (sums[:, start + (i + 1) * k] - sums[:, start + i * k] for i in (0, 1))
         known = np.minimum(first[0], second[0]) > MIN_SAMPLES
         first, second = first[:, known], second[:, known]
-        variance = first[2] / first[0] ** 2 + second[2] / second[0] ** 2
+        by_light = k / BINS * np.where(x[start + k][known] < 0, slopes[0], slopes[1])
+        variance = first[2] / first[0] ** 2 + second[2] / second[0] ** 2 + by_light**2
         scores.append((first[1] / first[0] - second[1] / second[0]) / np.sqrt(np.maximum(variance, 1e-24)))
     falls = np.concatenate(scores)
     return float(np.max(falls, initial=0.0)), max(len(falls), 1)

@@ -208,8 +208,8 @@ def test_a_fall_counts_alike_in_the_dark_and_in_the_bright(dip: float, rng: np.r
     d, sigma = rng.uniform(-20, 20, 8000), 0.02
     value = (d > 0) - dip * np.exp(-(((d + 6) / 2) ** 2)) + sigma * rng.standard_normal(len(d))
     inside = np.ones(len(d), dtype=bool)
-    fall, windows = _fall(_Samples(d, value, inside, (sigma**2, sigma**2)))
-    mirrored, same = _fall(_Samples(-d, 1 - value, inside, (sigma**2, sigma**2)))
+    fall, windows = _fall(_Samples(d, value, inside, (sigma**2, sigma**2)), np.zeros(2))
+    mirrored, same = _fall(_Samples(-d, 1 - value, inside, (sigma**2, sigma**2)), np.zeros(2))
     assert (mirrored, same) == (pytest.approx(fall), windows)
     # from two pixels of the dip's flank to the next two the mean falls by 0.03 or more, known to 0.02 (2 / 400)^(1/2)
     assert fall > 5 * threshold(windows) if dip else fall < threshold(windows)
