@@ -29,6 +29,9 @@ HALO_WIDTHS, HALO_FROM_PX = 1.5, 1.5
 form of its tail; if there is more light than that, it looks like the opposite of a mask."""
 SUBBINS = 16  # bins to a pixel within which samples scatter by noise alone, whatever the profile
 MAX_GAIN = 0.01  # greatest spread of gains by pixels and paper, by which noise amid dark and bright is less than a mean
+MIDTONES, MIN_GAIN = 12, 0.3
+"""Exponent of 4 l (1 - l), l the light from 0 to 1, where a filter of local contrast that keeps edges changes from one
+plain to the other: it compresses l = 0.4 to 0.6. Least gain there."""
 MODEL_PX = 0.003  # displacement of an edge, root mean square, that the model's course and bins leave
 SMOOTH_BINS = 13
 """Bins over which the plains' departure from their model is averaged: so many samples that their noise stays white."""
@@ -46,6 +49,8 @@ class Evidence:
     textured : the same, where the plains may have a fine texture, which the lens images
     halo, wide : unsharp masks of `HALO_PX` and `WIDE_PX` beside the edge
     scattered : an unsharp mask that sharpens the edge and spares the plains, by the scatter on the edge
+    compressed : lack of contrast amid dark and bright, by the scatter there, as filters of local contrast leave it that
+        keep edges
     growth, exponent : growth of the noise from dark to bright, in standard uncertainties; exponent of the light in its
         variance
     scatter, scatter_px : excess of the scatter on the edge, in standard uncertainties; the displacement that explains
@@ -64,6 +69,7 @@ class Evidence:
     halo: Strength
     wide: Strength
     scattered: Strength
+    compressed: Strength
     growth: float
     exponent: float
     scatter: float
@@ -110,7 +116,7 @@ def examine(strip: Strip, course: Course, profile: EdgeProfile, mtf: Array, of_m
     variances = max(dark, rounding), max(bright, rounding)
     samples = _Samples(d, value, inside, variances)
     averaged = replace(samples, variances=(variances[0] * inflation[0], variances[1] * inflation[1]))
-    scatter, scatter_px, scattered, spared = _scatter(samples, profile)
+    scatter, scatter_px, scattered, compressed, spared = _scatter(samples, profile)
     fall, windows = _fall(averaged, profile.slope_uncertainty * profile.light[:2] / profile.contrast)
     halo, wide = (_halo(averaged, profile, radius) for radius in (HALO_PX, WIDE_PX))
     tail = profile.tail_estimate
@@ -122,6 +128,7 @@ def examine(strip: Strip, course: Course, profile: EdgeProfile, mtf: Array, of_m
         halo=halo,
         wide=wide,
         scattered=scattered if fields else Strength(),
+        compressed=compressed if fields else Strength(),
         growth=growth,
         exponent=exponent,
         scatter=scatter,
@@ -154,9 +161,10 @@ def _noise(plain: Array, d: Array, far: Mask) -> Array:
     return noise
 
 
-def _scatter(samples: _Samples, profile: EdgeProfile) -> tuple[float, float, Strength, float]:
+def _scatter(samples: _Samples, profile: EdgeProfile) -> tuple[float, float, Strength, Strength, float]:
     """Score of the scatter on the edge against its plains' noise, convex in the light, the displacement (the slope
-    squared) and mask that explain it; score of less scatter than that, with pixels of unlike gain."""
+    squared) and mask that explain it; lack of contrast by that amid dark and bright; score of less scatter than that,
+    with pixels of unlike gain."""
     d = samples.d
     used = samples.inside & (np.abs(d) < profile.end_px + 1)
     profile, residual = rebinned(profile, samples.value, d, used)
@@ -175,7 +183,13 @@ def _scatter(samples: _Samples, profile: EdgeProfile) -> tuple[float, float, Str
     convex = min(max(bright - dark, 0.0) / (1 + 2 * max(profile.light[0], 0.0) / profile.contrast), MAX_GAIN**2)
     least = between - convex * light * (1 - light)
     fits = []
-    for shape, model in ((slope, expected), (middle, expected), (middle * expected, expected), (middle * least, least)):
+    for shape, model in (
+        (slope, expected),
+        (middle, expected),
+        (middle * expected, expected),
+        (middle * least, least),
+        (middle**MIDTONES * expected, expected),
+    ):
         weight = (count[known] - 1) / (2 * model**2)
         information = max(float(np.sum(weight * shape**2)), 1e-300)
         fits.append((float(np.sum(weight * shape * (square - model))) / information, information**-0.5))
@@ -183,7 +197,9 @@ def _scatter(samples: _Samples, profile: EdgeProfile) -> tuple[float, float, Str
     spared = -fits[3][0] / fits[3][1]
     # a mask of amount a raises the variance of white noise by about 2 a
     strength, uncertainty = fits[2]
-    return score, max(fits[0][0], 0.0) ** 0.5, Strength(strength / 2, uncertainty / 2), spared
+    scattered = Strength(strength / 2, uncertainty / 2)
+    gain = max(1 + fits[4][0], MIN_GAIN**2) ** 0.5
+    return score, max(fits[0][0], 0.0) ** 0.5, scattered, Strength(1 - gain, fits[4][1] / (2 * gain)), spared
 
 
 def _binned(samples: _Samples) -> tuple[Array, Array, Array]:
