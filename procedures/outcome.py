@@ -63,7 +63,7 @@ class WithVerdict(Protocol):
 class Outcome(Generic[T]):
     """A value with its verdict; a refused outcome has no value.
 
-    `reason` and `remedy` are the most likely cause of a doubt or a refusal; `other_causes` follow by their evidence.
+    `reason` and `remedy` are the most likely cause of a verdict other than pass; `other_causes` follow.
     """
 
     value: T | None
@@ -190,8 +190,8 @@ def with_causes(outcome: Outcome[T], other: WithVerdict) -> Outcome[T]:
     return _of_causes(known + added, outcome.verdict, outcome.value)
 
 
-def with_doubt(outcome: Outcome[T], reason: str, remedy: str) -> Outcome[T]:
-    """The outcome with one doubt more, which comes first only where there is none."""
+def mark_doubtful(outcome: Outcome[T], reason: str, remedy: str) -> Outcome[T]:
+    """The outcome with one more flag, which comes first only where there is none."""
     return with_causes(outcome, Outcome(None, Verdict.DOUBTFUL, reason, remedy))
 
 

@@ -39,7 +39,7 @@ class Node:
     sensor_position : (2,) position in pixels of the sensor
     source : name of the photograph
     number : number of the chart in that photograph: the planes' nodes of one chart have the same source and number
-    doubt, remedy : reason and remedy of a doubtful PSF; empty for others, and for a field that was read from a file
+    caveat, remedy : reason and remedy of a doubtful PSF; empty for others, and for a field that was read from a file
     """
 
     position: Array
@@ -48,7 +48,7 @@ class Node:
     psf: Psf
     source: str = ""
     number: int = 0
-    doubt: str = ""
+    caveat: str = ""
     remedy: str = ""
 
     __repr__ = summary

@@ -16,11 +16,11 @@ from procedures.outcome import BadInput, BadParameter, ColourInput
 from procedures.reading.arrays import checked_array
 from procedures.reading.development import Development
 from procedures.reading.exposure import Exposure, read_exposure
-from procedures.reading.grey_image import PNG_MAGIC, TIFF_MAGIC, Samples, read_pgm, read_png, read_tiff
+from procedures.reading.grey_image import PNG_MAGIC, TIFF_MAGIC, Samples, read_grey
 from procedures.reading.guard import Room, decoding, open_file, read_file
 from procedures.reading.library_noise import captured_noise, no_pixels, stuck_pixels
 from procedures.reading.motion_records import ImuRecord, ShakerPath, ShakerResponse, measured_path
-from procedures.reading.sensor_dump import DumpLayout, has_raw_header
+from procedures.reading.sensor_dump import PICTURE, DumpLayout, has_raw_header
 from procedures.reading.tiff_tags import (
     BLACK_LEVEL,
     CFA_PATTERN,
@@ -71,20 +71,29 @@ class Plane:
 
     @classmethod
     def from_array(
-        cls, array: npt.NDArray[Any], name: str = GREY_PLANE, *, black: float = 0.0, white: float | None = None
+        cls,
+        array: npt.NDArray[Any],
+        name: str = GREY_PLANE,
+        *,
+        black: float = 0.0,
+        white: float | None = None,
+        raw: bool = False,
     ) -> "Plane":
         """Plane of linear samples (rows, columns).
 
         black, white : sample values of black and white. White is 1 by default for floating-point samples, which are
-        taken as quantised to 16 bits, and the largest value of an integer type. Raises BadInput if it is not
-        two-dimensional, or not all samples are finite.
+        taken as quantised to 16 bits, and the largest value of an integer type. raw : whether they are a sensor's,
+        unprocessed; otherwise uncertainties include processing that the samples do not exclude. Raises BadInput if it
+        is not two-dimensional, or not all samples are finite.
         """
         whole = np.issubdtype(array.dtype, np.integer)
         if white is None:
             white = float(np.iinfo(array.dtype).max) if whole else 1.0
         samples = checked_array(array, "a plane", (None, None), remedy="give one linear channel, as image[..., 1]")
         step = 1 / (white - black) if whole else 1 / 65535
-        return cls(name, ((samples - black) / (white - black)).astype(np.float32), step, black=black, white=white)
+        return cls(
+            name, ((samples - black) / (white - black)).astype(np.float32), step, black=black, white=white, raw=raw
+        )
 
 
 UNLIKELY_IN_RAW = 0.3  # prior of processing as a cause for a RAW file, relative to a picture written by a program
@@ -151,7 +160,8 @@ def read_frame(
 
     path : path of the file
     names : sequence of str, planes to read; all by default. Others take no memory.
-    layout : DumpLayout, layout of a file without a header; the file is then read only in this layout
+    layout : DumpLayout, layout of a sensor's samples in a file without a header or a grey picture; the file is then
+        read only in this layout
     data : bytes, content of the file, if already read. Hash and planes always refer to the same bytes, even if the file
         is replaced meanwhile.
 
@@ -178,14 +188,15 @@ def _decoded(
             _check_names(names, tuple(places), path)
             levels = layout.read(data, str(path))
             black, white = np.array(layout.black, np.float32), float(layout.white)
+            exposure = _exposure_of_grey(BytesIO(data)) if layout.kind == PICTURE else Exposure()
             if GREY_PLANE in places:
-                return {GREY_PLANE: _scaled_plane(GREY_PLANE, levels, black, white)}, Exposure()
+                return {GREY_PLANE: _scaled_plane(GREY_PLANE, levels, black, white)}, exposure
             return {
                 name: _scaled_plane(name, levels[row::2, column::2], black, white, (column, row))
                 for name, (row, column) in places.items()
                 if names is None or name in names
-            }, Exposure()
-        read = _read_grey if _kind(path, BytesIO(data)) in _GREY_READERS else _read_mosaic
+            }, exposure
+        read = _read_grey if _kind(path, BytesIO(data)) in _GREY else _read_mosaic
         return read(path, BytesIO(data), names)
 
 
@@ -199,13 +210,13 @@ def default_plane(path: Path | str, layout: DumpLayout | None = None) -> str:
     if layout:
         return GREY_PLANE if GREY_PLANE in layout.first_pixels() else "G1"
     with open_file(Path(path)) as file, decoding(str(path), "a photograph", _COPY):
-        grey = _kind(Path(path), file) in _GREY_READERS or is_monochrome(mosaic_tags(file, str(path)))
+        grey = _kind(Path(path), file) in _GREY or is_monochrome(mosaic_tags(file, str(path)))
         return GREY_PLANE if grey else "G1"
 
 
 # --- kinds of file ---
 
-_GREY_READERS = {"pgm": read_pgm, "png": read_png, "tiff": read_tiff}
+_GREY = ("pgm", "png", "tiff")
 _EXPORT = "give the camera's RAW file, or export one linear plane as a grey 16 bit TIFF"
 _DUMP = "give the camera's RAW file; for a sensor's dump give the layout: --raw WIDTHxHEIGHT,RGGB,u16le,BLACK,WHITE"
 
@@ -247,11 +258,14 @@ def _is_text(head: bytes) -> bool:
 
 def _read_grey(path: Path, file: BytesIO, names: Sequence[str] | None) -> tuple[dict[str, Plane], Exposure]:
     _check_names(names, (GREY_PLANE,), path)
-    kind = _kind(path, file)
-    levels, white = _GREY_READERS[kind](file.getvalue(), str(path))
-    # a PGM has no metadata
-    exposure = Exposure(sources={}) if kind == "pgm" else read_exposure(file)
-    return {GREY_PLANE: _scaled_plane(GREY_PLANE, levels, np.zeros((), np.float32), float(white), raw=False)}, exposure
+    levels, white = read_grey(file.getvalue(), str(path))
+    plane = _scaled_plane(GREY_PLANE, levels, np.zeros((), np.float32), float(white), raw=False)
+    return {GREY_PLANE: plane}, _exposure_of_grey(file)
+
+
+def _exposure_of_grey(file: BytesIO) -> Exposure:
+    """The exposure data of a grey picture; a PGM has none."""
+    return Exposure(sources={}) if file.getvalue()[:2] in (b"P2", b"P5") else read_exposure(file)
 
 
 # --- mosaics ---

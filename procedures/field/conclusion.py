@@ -136,9 +136,9 @@ def _plane_field(
     diffraction = limit(plane)
     quality = with_modes(assess(centre, n=len(nodes), diffraction=diffraction, at=at), centre, mean_modes(charts))
     # check of the share of doubtful nodes, with the most frequent remedy
-    doubtful = [node for node in nodes if node.doubt]
+    doubtful = [node for node in nodes if node.caveat]
     remedy = next((remedy for remedy, _ in Counter(node.remedy for node in doubtful).most_common(1)), "")
-    example = next((node.doubt for node in doubtful if node.remedy == remedy), "")
+    example = next((node.caveat for node in doubtful if node.remedy == remedy), "")
     reason = f"{len(doubtful)} of the {len(nodes)} charts are doubtful, for example: {example}"
     doubtful_nodes = Check("nodes", len(doubtful), MAX_DOUBTFUL_SHARE * len(nodes), Verdict.DOUBTFUL, reason, remedy)
     checks = [*_checks(interpolation, maps), doubtful_nodes, *beyond_diffraction(quality, diffraction)]

@@ -225,7 +225,7 @@ def _node(outcome: Outcome[PatternPsf], plane: Plane, source: str, number: int) 
     node = Node(position, estimate.centre_covariance, on_sensor, estimate.psf, source, number)
     if outcome.verdict is not Verdict.DOUBTFUL:
         return node
-    return replace(node, psf=_enlarged(estimate), doubt=outcome.reason, remedy=outcome.remedy)
+    return replace(node, psf=_enlarged(estimate), caveat=outcome.reason, remedy=outcome.remedy)
 
 
 def _enlarged(estimate: PatternPsf) -> Psf:

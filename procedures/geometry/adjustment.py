@@ -224,11 +224,11 @@ def _deviations(state: AdjustmentState, shape: ShapeModel) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class ModelDoubt:
+class ModelDiscrepancy:
     """Independent errors of one standard deviation each, by terms that a camera model does not have.
 
     unknowns : (j, known) float64, errors of the unknowns of the adjustment, in the order of its covariance
-    terms : (j, k) float64, the missing terms, in the order of `model_doubt.missing_terms`
+    terms : (j, k) float64, the missing terms, in the order of `model_discrepancy.missing_terms`
     """
 
     unknowns: Array
@@ -258,7 +258,7 @@ class Adjustment:
     chi_square : float, of the points alone
     freedom : float
         Degrees of freedom: coordinates minus fitted parameters, each counted as far as the points determine it.
-    doubt : ModelDoubt or None, effect of terms that the camera model does not have
+    discrepancy : ModelDiscrepancy or None, effect of terms that the camera model does not have
     """
 
     problem: AdjustmentProblem
@@ -267,7 +267,7 @@ class Adjustment:
     errors_variance: Array
     chi_square: float
     freedom: float
-    doubt: ModelDoubt | None = None
+    discrepancy: ModelDiscrepancy | None = None
 
     @property
     def scale(self) -> float:
@@ -276,9 +276,11 @@ class Adjustment:
 
     @property
     def full_covariance(self) -> Array:
-        """Covariance of the unknowns, scaled by the square of the residual, with the doubt about the model."""
+        """Covariance of the unknowns, scaled by the square of the residual, with the model discrepancy."""
         covariance = self.covariance * self.scale**2
-        return covariance if self.doubt is None else covariance + self.doubt.unknowns.T @ self.doubt.unknowns
+        if self.discrepancy is None:
+            return covariance
+        return covariance + self.discrepancy.unknowns.T @ self.discrepancy.unknowns
 
     @property
     def shared(self) -> int:

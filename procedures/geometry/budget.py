@@ -1,7 +1,7 @@
 """Uncertainty budget of a geometry: points, flatness and print of the chart, model, shutter, and scale.
 
 The variance of every number is divided by nested conditions. Noise of the points alone remains where the chart is known
-and the lens is a formula; the freedom of the spline, and the doubt about a formula, are the model's part; what the
+and the lens is a formula; the freedom of the spline, and the discrepancy of a formula, are the model's part; what the
 unknown chart adds is that of flatness and print. The parts sum to the stated variance.
 
 Source: ISO/IEC Guide 98-3 (GUM), section 5.1 and annex H.
@@ -53,7 +53,7 @@ class VarianceParts:
 
 
 def variance_parts(fit: Adjustment, *, with_shutter: bool) -> VarianceParts:
-    """The covariances by source; `with_shutter`: the last doubt of the adjustment is that of the row time."""
+    """The covariances by source; `with_shutter`: the last discrepancy of the adjustment is that of the row time."""
     camera, known = fit.state.camera, len(fit.covariance)
     p = len(camera.params)
     formula = camera.plain if isinstance(camera, SplineCamera) else p
@@ -62,7 +62,7 @@ def variance_parts(fit: Adjustment, *, with_shutter: bool) -> VarianceParts:
     every = _inverse(U, np.concatenate([np.arange(p), poses]), known)
     simple = every if formula == p else _inverse(U, np.concatenate([np.arange(formula), poses]), known)
     square = fit.scale**2
-    shutter = fit.doubt.unknowns[-1] if with_shutter and fit.doubt is not None else np.zeros(known)
+    shutter = fit.discrepancy.unknowns[-1] if with_shutter and fit.discrepancy is not None else np.zeros(known)
     return VarianceParts(square * simple, square * (fit.covariance - every), shutter)
 
 

@@ -12,7 +12,7 @@ from procedures.geometry.budget import VarianceParts, variance_parts
 from procedures.geometry.cameras import SPLINE, CameraModel, parameter_names
 from procedures.geometry.formulas import FittedFormula, fit_formulas, most_apt
 from procedures.geometry.misfit import Misfit, find_misfit
-from procedures.geometry.model_doubt import find_doubt
+from procedures.geometry.model_discrepancy import find_discrepancy
 from procedures.geometry.next_view import NextView, next_views
 from procedures.geometry.reference import SmoothnessTrial, first_state, fit_model
 from procedures.geometry.shape import NAMES, estimated_node_errors, scale_spread, shape_model
@@ -124,7 +124,7 @@ class Geometry:
     misfit : Misfit, systematic residual of the model
     residual_scale : float
         Residual in units of the points' standard deviations; all covariances are scaled by its square.
-    noise_px : float, projection uncertainty at the charts by noise alone, without the doubt about the model
+    noise_px : float, projection uncertainty at the charts by noise alone, without the model discrepancy
     maps : tuple of UncertaintyMap, at the charts' median distance, at infinity, then as requested
     region : (m, 2) float64, outline of the part of the frame covered by charts, in pixels
     covered : float, its share of the frame
@@ -292,11 +292,11 @@ def _undetermined(pose: str, views: int) -> Refused:
 
 
 def concluded(fit: Adjustment) -> Adjustment:
-    """The adjustment with a prior of the node errors that is estimated from them, and the doubt about the models."""
+    """The adjustment with a prior of the node errors that is estimated from them, and the model discrepancy."""
     for _ in range(NODE_ERROR_ROUNDS):
         node_mm = estimated_node_errors(fit.state.errors_mm, fit.errors_variance)
         fit = adjust(fit.state, replace(fit.problem, shape=replace(fit.problem.shape, node_mm=node_mm)))
-    return replace(fit, doubt=find_doubt(fit))
+    return replace(fit, discrepancy=find_discrepancy(fit))
 
 
 def _geometry(
@@ -320,7 +320,7 @@ def _geometry(
         formulas=fit_formulas(camera, covariance, region) if SPLINE in camera.model else (),
         misfit=find_misfit(fit),
         residual_scale=fit.scale,
-        noise_px=_mean_over(region, _map(fit, grid, usual, without_doubt=True)),
+        noise_px=_mean_over(region, _map(fit, grid, usual, noise_only=True)),
         maps=tuple(_map(fit, grid, distance) for distance in distances),
         region=region,
         covered=float(enclosed(region, grid).mean()),
@@ -355,8 +355,8 @@ def _chart_shape(fit: Adjustment, share: float) -> ChartShape:
     return ChartShape(terms, fit.state.deviations_mm(shape), (x, y, z), share)
 
 
-def _map(fit: Adjustment, grid: Array, distance_mm: float, *, without_doubt: bool = False) -> UncertaintyMap:
-    value = projection_uncertainty(fit, grid, distance_mm, without_doubt=without_doubt).reshape(MAP[1], MAP[0])
+def _map(fit: Adjustment, grid: Array, distance_mm: float, *, noise_only: bool = False) -> UncertaintyMap:
+    value = projection_uncertainty(fit, grid, distance_mm, noise_only=noise_only).reshape(MAP[1], MAP[0])
     return UncertaintyMap(distance_mm, grid[: MAP[0], 0], grid[:: MAP[0], 1], value)
 
 

@@ -6,7 +6,7 @@ difference e of the reference from the fit at the places of a grid, and derivati
 
     e = J d + M a + errors of the reference,    a ~ N(0, 1),
 
-M being the missing terms of `model_doubt`, each scaled to its prior. Generalised least squares gives d, the
+M being the missing terms of `model_discrepancy`, each scaled to its prior. Generalised least squares gives d, the
 shift by which the missing terms displaced the fit, with covariance; the fit's covariance is cov(d) + d d'.
 """
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from procedures.geometry.cameras import FORMULAS, STEREOGRAPHIC, CameraModel
 from procedures.geometry.conversion import Difference, as_model, covered_grid
-from procedures.geometry.model_doubt import missing_terms
+from procedures.geometry.model_discrepancy import missing_terms
 from procedures.numerics.arrays import Array
 
 GRID = (15, 11)

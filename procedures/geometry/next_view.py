@@ -3,7 +3,7 @@
 For each candidate pose a view with the noise of the existing ones is predicted. Its information on camera and chart,
 with its own pose eliminated, is added to the present information. The sum gives the projection uncertainty at infinity
 over the whole frame or at one pixel, up to the best rotation, since a rotated camera is the same camera; or the
-uncertainty of a depth by the cameras of a rig, which all see the chart (`rig_view`).
+uncertainty of a depth by the cameras of a rig, which all see the chart.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence

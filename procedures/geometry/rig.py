@@ -1,7 +1,7 @@
 """Relative poses of the cameras on a rig, from charts that they photographed at the same time.
 
 One adjustment estimates all cameras, the shape of the chart, which they share, and the pose of the chart in every
-photograph, with a joint covariance that includes the doubt about the camera models. The poses are then reduced to those
+photograph, with a joint covariance that includes the camera model discrepancy. The poses are then reduced to those
 of a rigid rig by generalised least squares, which is the adjustment of a rigid rig to first order: at one time the
 chart has the pose P in the first camera's frame and C_c P in that of camera c. With changes (w, d): X -> exp(w) X + d,
 a change of C_c changes the pose by the same, and a change of P by

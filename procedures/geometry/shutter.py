@@ -21,7 +21,7 @@ from procedures.geometry.adjustment import (
     Adjustment,
     AdjustmentProblem,
     AdjustmentState,
-    ModelDoubt,
+    ModelDiscrepancy,
     adjust,
     extra_terms,
 )
@@ -165,13 +165,13 @@ def find_shutter(state: AdjustmentState, problem: AdjustmentProblem) -> tuple[Sh
 
 
 def with_row_time(fit: Adjustment, first: ShutterTiming) -> tuple[ShutterTiming, Adjustment]:
-    """The row time by the final camera, and the adjustment with its uncertainty among the doubts."""
+    """The row time by the final camera, and the adjustment with its uncertainty among the discrepancies."""
     change, sigma, response = row_time(fit)
     row = (sigma * response)[None]
-    doubt = fit.doubt or ModelDoubt(np.zeros((0, len(response))), np.zeros((0, 0)))
-    terms = np.vstack([doubt.terms, np.zeros((1, doubt.terms.shape[1]))])
-    doubt = ModelDoubt(np.vstack([doubt.unknowns, row]), terms)
-    return replace(first, row_s=first.row_s + change, uncertainty_s=sigma), replace(fit, doubt=doubt)
+    discrepancy = fit.discrepancy or ModelDiscrepancy(np.zeros((0, len(response))), np.zeros((0, 0)))
+    terms = np.vstack([discrepancy.terms, np.zeros((1, discrepancy.terms.shape[1]))])
+    discrepancy = ModelDiscrepancy(np.vstack([discrepancy.unknowns, row]), terms)
+    return replace(first, row_s=first.row_s + change, uncertainty_s=sigma), replace(fit, discrepancy=discrepancy)
 
 
 def row_time(fit: Adjustment) -> tuple[float, float, Array]:

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from procedures.geometry.adjustment import POSE, Adjustment, by_pose
-from procedures.geometry.model_doubt import missing_terms
+from procedures.geometry.model_discrepancy import missing_terms
 from procedures.numerics.arrays import Array, Mask
 
 OUTLINE_TOLERANCE = 0.003  # simplification of outlines, relative to their size
@@ -38,16 +38,16 @@ def projection_derivative(fit: Adjustment, pixels: Array, distance_mm: float) ->
     return derivative
 
 
-def projection_uncertainty(fit: Adjustment, pixels: Array, distance_mm: float, *, without_doubt: bool = False) -> Array:
+def projection_uncertainty(fit: Adjustment, pixels: Array, distance_mm: float, *, noise_only: bool = False) -> Array:
     """Root mean square length (n,), in pixels, of the projection error at places (n, 2) of the frame.
 
-    without_doubt : bool, whether to omit the doubt about the camera model, and count noise alone
+    noise_only : bool, whether to omit the camera model discrepancy, and count noise alone
     """
     J = projection_derivative(fit, pixels, distance_mm)
     squares = np.einsum("nai,ij,naj->n", J, fit.covariance * fit.scale**2, J, optimize=True)
-    if fit.doubt is not None and not without_doubt:
-        errors: Array = J @ fit.doubt.unknowns.T
-        errors += missing_terms(fit.state.camera, pixels) @ fit.doubt.terms.T
+    if fit.discrepancy is not None and not noise_only:
+        errors: Array = J @ fit.discrepancy.unknowns.T
+        errors += missing_terms(fit.state.camera, pixels) @ fit.discrepancy.terms.T
         squares = squares + np.einsum("nak,nak->n", errors, errors)
     return np.asarray(np.sqrt(squares))
 

@@ -1,7 +1,6 @@
 """Printing of the chart with the geometry of `pattern`: PDF and SVG in exact millimetres, PNG and PGM in pixels.
 
-`source` has the cells and their origin, `outline` converts them to one path, `caption` and `sheet` lay out the page on
-a `paper`, `tiles` and `tile_sheets` divide it into several sheets preceded by the page of `assembly`, `vector` and
-`raster` encode it, `formats` selects the encoder by the file's suffix. Results are bytes. May import `pattern` and
-`outcome`; reportlab is imported only here.
+`source` has the cells and their origin, `sheet` and `panel` lay out the page with its caption, `tile_sheets` divides a
+large chart into several sheets, `formats` encodes it by the file's suffix, `distance` gives the distance to photograph
+it from. Results are bytes. Reportlab is imported only here.
 """

@@ -109,7 +109,7 @@ class CombinedPsf:
 
 
 def combine(outcomes: Sequence[Outcome[PatternPsf]]) -> Outcome[CombinedPsf]:
-    """Combine the accepted shots of one plane; the verdict covers agreement and common doubts. Source: least squares;
+    """Combine the accepted shots of one plane; the verdict covers agreement and common flags. Source: least squares;
     GUM, annex H.5."""
     shots = [outcome.value for outcome in outcomes if outcome.value is not None]
     if not outcomes:

@@ -96,7 +96,7 @@ def _refused(reason: str, remedy: str) -> Outcome[WitnessedPsf]:
     return Outcome(None, Verdict.REFUSED, reason, remedy)
 
 
-def _doubt(name: str, score: float, sentence: str, remedy: str) -> Check:
+def _flag(name: str, score: float, sentence: str, remedy: str) -> Check:
     return Check(name, score, threshold(), Verdict.DOUBTFUL, sentence, remedy)
 
 
@@ -124,10 +124,10 @@ def _exposures(photographs: Photographs, numbers: dict[str, Quantity]) -> Iterat
     numbers[WITNESS_RATIO] = Quantity(ratio, "1", of_ratio, "slope of long over short exposure", len(s))
     numbers[WITNESS_CURVATURE] = Quantity(curvature, "1", of_curvature, "curvature of long over short exposure", len(s))
     raw = "use the RAW file, or a linear picture"
-    yield _doubt("response", abs(ratio - 1) / of_ratio,
+    yield _flag("response", abs(ratio - 1) / of_ratio,
                  f"the response is not linear: {photographs.ratio:.3g} times the exposure gives "
                  f"{slope:.3g} times the signal", raw)  # fmt: skip
-    yield _doubt("response", abs(curvature) / of_curvature,
+    yield _flag("response", abs(curvature) / of_curvature,
                  f"the response is not linear: signals of two exposures lie on a curve, {curvature:+.1%} of the range "
                  "from a line at its middle", raw)  # fmt: skip
     bend = c[0] + c[1] * _scaled(short, low, high) + c[2] * (_scaled(short, low, high) ** 2 - 1 / 12)
@@ -136,7 +136,7 @@ def _exposures(photographs: Photographs, numbers: dict[str, Quantity]) -> Iterat
         worst.value, "1", worst.uncertainty, f"unsharp mask of {radius:g} px, by noise", int(known.sum())
     )
     correlated, cause = ("anticorrelated", "an unsharp mask") if worst.value > 0 else ("correlated", "smoothing")
-    yield _doubt("processing", abs(worst.score),
+    yield _flag("processing", abs(worst.score),
                  f"the noise of two exposures' difference is {correlated} by {abs(worst.score):.1f} standard "
                  f"uncertainties, as by {cause} of {abs(worst.value):.1%} and {radius:g} px",
                  "use the RAW file, or switch it off")  # fmt: skip
@@ -170,16 +170,16 @@ def _distances(
         )
     blur = _print_blur(main, near.value)
     numbers[WITNESS_PRINT_BLUR] = blur
-    yield _doubt("print", blur.value / blur.uncertainty,
+    yield _flag("print", blur.value / blur.uncertainty,
                  f"the print is blurred by {np.sqrt(max(blur.value, 0)):.2f} cells, or the near photograph is out of "
                  "focus: its MTF is lower", f"print a larger chart; {again}")  # fmt: skip
-    yield _doubt("focus", -blur.value / blur.uncertainty,
+    yield _flag("focus", -blur.value / blur.uncertainty,
                  "the PSF is sharper from nearer: the long exposure is out of focus, or light strays",
                  again)  # fmt: skip
     far, close = (_black(plane, one) for plane, one in ((photographs.long, main), (photographs.near, near.value)))
     change = Quantity(far - close, "1", 2**0.5 * LEVEL_UNCERTAINTY, "black over white, far less near", main.n)
     numbers[WITNESS_BLACK] = change
-    yield _doubt("stray light", abs(change.value) / change.uncertainty,
+    yield _flag("stray light", abs(change.value) / change.uncertainty,
                  f"black over white is {far:.3f} from the distance and {close:.3f} from nearer: light strays from the "
                  "chart's white into its black",
                  "clean the lens, shade it, and keep reflections off the chart")  # fmt: skip
@@ -223,6 +223,6 @@ def _defocus(defocused: Outcome[PatternPsf]) -> Check:
         reason = f"the defocused photograph gives no PSF: {defocused.reason}"
         return Check("defocus", True, 0, Verdict.DOUBTFUL, reason, "defocus less, and photograph it again")
     missing = defocused.value.diagnostics["missing_light"]
-    return _doubt("processing", missing,
+    return _flag("processing", missing,
                   f"light is missing around the defocused spot, by {missing:.1f} standard uncertainties: the picture "
                   "was sharpened", remedy)  # fmt: skip

@@ -89,7 +89,7 @@ def estimate_physics(
         prediction=prediction.reshape(k, k),
         candidates=tuple((_words(one), one.criterion(scale) - least) for one in tried),
     )
-    return verdict_of(_doubts(fit, tried, bounded), physics)
+    return verdict_of(_flags(fit, tried, bounded), physics)
 
 
 def check_known(diffraction: Diffraction | None) -> Diffraction:
@@ -102,7 +102,7 @@ def check_known(diffraction: Diffraction | None) -> Diffraction:
     return diffraction
 
 
-def _doubts(fit: ModelFit, tried: list[ModelFit], bounded: list[OneSided]) -> list[Check]:
+def _flags(fit: ModelFit, tried: list[ModelFit], bounded: list[OneSided]) -> list[Check]:
     ratio = fit.chi2 / fit.freedom
     scale = scale_of(tried)
     limit = fit.criterion(scale) + ALIKE

@@ -29,8 +29,8 @@ class FilterParameters:
     search, patch : int, half sizes of the search block (6: 13 x 13) and of the patches (1: 3 x 3), pixels of the scale
     at_least : int, number of other patches averaged with every patch at the finest scale, however different
     least_count : float, a bin is used when the two pixels together have more samples than this in it
-    welch, doubt : float, where two means differ by more than `doubt` standard deviations, the excess of the squared
-        difference, in these units, is added to chi-square, times `welch`, for each colour; 0 ignores means
+    welch, welch_sigmas : float, where two means differ by more than `welch_sigmas` standard deviations, the excess of
+        the squared difference, in these units, is added to chi-square, times `welch`, for each colour; 0 ignores means
     softness : float, the weight falls from 1 to 0 between kappa (1 - softness) and kappa (1 + softness)
     trend : bool, whether to fit a plane through the similar patches instead of their mean
     trust : float, weight of patch estimates: their number of similar patches to this power
@@ -49,7 +49,7 @@ class FilterParameters:
     at_least: int = 0
     least_count: float = 2.0
     welch: float = 3.0
-    doubt: float = 3.0
+    welch_sigmas: float = 3.0
     softness: float = 0.3
     trend: bool = True
     trust: float = 0.25
@@ -72,7 +72,7 @@ class FilterParameters:
 
 _LIMITS = (
     *((name, 1, np.inf) for name in ("scales", "search")),
-    *((name, 0, np.inf) for name in ("patch", "at_least", "least_count", "welch", "doubt", "ease", "bound")),
+    *((name, 0, np.inf) for name in ("patch", "at_least", "least_count", "welch", "welch_sigmas", "ease", "bound")),
     *((name, 0, 1) for name in ("pixel", "softness", "coarse")),
 )
 """Smallest and largest values of parameters."""

@@ -44,7 +44,7 @@ class Rules(NamedTuple):
     at_least: int
     least_count: float
     welch: float
-    doubt: float
+    welch_sigmas: float
     trend: bool
     trust: float
     ease: float
@@ -53,10 +53,10 @@ class Rules(NamedTuple):
 
 @vectorised
 def means_distance(x: Array32, y: Array32, rules: Rules) -> np.float32:
-    """`welch` times the excess of the squared Welch statistics of the colours over the square of `doubt`."""
+    """`welch` times the excess of the squared Welch statistics of the colours over the square of `welch_sigmas`."""
     colours = x.size // 2
     distance = np.float32(0.0)
-    allowed_square = np.float32(rules.doubt * rules.doubt)
+    allowed_square = np.float32(rules.welch_sigmas * rules.welch_sigmas)
     for m in range(colours):
         step = x[m] - y[m]
         distance += max(np.float32(0.0), step * step / (x[colours + m] + y[colours + m]) - allowed_square)

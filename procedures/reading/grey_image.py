@@ -35,6 +35,17 @@ BYTES, PLAIN_BYTES = 4, 80  # bytes of a sample in memory, as a number and as te
 LONGEST_HEAD = 1 << 16  # greatest length of a PGM's header with its comments, in bytes
 
 
+def read_grey(data: bytes, name: str) -> tuple[Samples, int]:
+    """Samples (rows, columns) and full scale of a grey PGM, PNG or TIFF, by its first bytes. Raises BadInput."""
+    if data[:2] in (b"P2", b"P5"):
+        return read_pgm(data, name)
+    if data.startswith(PNG_MAGIC):
+        return read_png(data, name)
+    if data.startswith(TIFF_MAGIC):
+        return read_tiff(data, name)
+    raise BadInput(f"{name} is no grey PGM, PNG or TIFF", _EXPORT)
+
+
 def read_pgm(data: bytes, name: str) -> tuple[Samples, int]:
     """Samples (rows, columns) of a PGM file, plain or raw, and the level of white: the header's maxval.
 

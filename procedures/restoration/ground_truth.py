@@ -15,7 +15,7 @@ from scipy.ndimage import gaussian_filter
 from scipy.optimize import minimize_scalar
 
 from procedures.numerics.warps import affine_between
-from procedures.outcome import BadInput, Outcome, with_doubt
+from procedures.outcome import BadInput, Outcome, mark_doubtful
 from procedures.raw import Plane, PlaneLike, as_frame
 from procedures.restoration.colour.mosaic import COLOUR
 from procedures.restoration.joint.picture_error import noise_upper_bound
@@ -54,7 +54,7 @@ def compare_to_ground_truth(
     static = np.asarray(~_on_planes(restoration.moved, truth).any(axis=0))
     aligned = _align(_as_planes(restoration.sharp, truth), truth, static)
     if isinstance(aligned, str):
-        return with_doubt(
+        return mark_doubtful(
             outcome, aligned, "take it of the same scene from the same place, without motion and in focus"
         )
     stated = float(np.sqrt(np.mean(_on_planes(restoration.sharp_std, truth)[:, aligned.valid] ** 2)))
@@ -75,14 +75,14 @@ def compare_to_ground_truth(
             f"the ground truth is closer to photograph {nearest} before restoration ({before:.1f} dB) than to the "
             f"restored picture ({witness.psnr_db:.1f} dB): it is blurred itself, or the restoration is wrong"
         )
-        return with_doubt(compared, reason, "look at the ground truth; give one that is sharp everywhere")
+        return mark_doubtful(compared, reason, "look at the ground truth; give one that is sharp everywhere")
     if least <= MOST_OVER_STATED * stated:
         return compared
     reason = (
         f"the restoration differs from the ground truth by {witness.error:.1%} of white, "
         f"{witness.error / max(stated, 1e-9):.1f} times its estimated error"
     )
-    return with_doubt(compared, reason, "check shapes and ratios; see difference.tiff")
+    return mark_doubtful(compared, reason, "check shapes and ratios; see difference.tiff")
 
 
 def _planes_of(photograph: Planes | PlaneLike) -> Planes:

@@ -52,13 +52,13 @@ class KnownShapes:
 
     ratios, offsets : w of each photograph is ratio times the first's plus offset, in pixels; defaults 1 and 0, but for
     measured shapes the ratio of their half-widths, and for kernels that of their sizes where it fits better.
-    doubt : why shapes from another restoration are unreliable, or None.
+    caveat : why shapes from another restoration are unreliable, or None.
     """
 
     shapes: tuple[Shape, ...]
     ratios: tuple[float, ...] = ()
     offsets: tuple[float, ...] = ()
-    doubt: str | None = None
+    caveat: str | None = None
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class UnknownMotion:
     scene, with motion of any form, in two photographs or more.
     paths : of the rig during each exposure, (n, 2) in any unit, if recorded: starting point of the search.
     ratios : of w, as in `KnownShapes`; default 1.
-    kernels, doubt : known kernels of a flat scene's motions, each (K, K) with one sample a pixel, used unchanged, and
+    kernels, caveat : known kernels of a flat scene's motions, each (K, K) with one sample a pixel, used unchanged, and
     why they are unreliable, or None.
     effort : of the search of kernels of any form for a flat scene, of paths otherwise; None for the default.
     """
@@ -97,7 +97,7 @@ class UnknownMotion:
     paths: tuple[Array, ...] = ()
     ratios: tuple[float, ...] = ()
     kernels: tuple[Array, ...] = ()
-    doubt: str | None = None
+    caveat: str | None = None
     effort: PathEffort | KernelEffort | None = None
 
 
@@ -127,7 +127,7 @@ class SceneBlur:
     """Masks of each photograph as functions of one w.
 
     unit : of w; max_w, ratios : as used, where w is a half-width; motion : if estimated from the photographs; flat_w :
-    of the whole frame, if that made the masks; doubt : of known shapes, or None; finer : the same masks on pixels n
+    of the whole frame, if that made the masks; caveat : of known shapes, or None; finer : the same masks on pixels n
     times as fine along each axis, with w in those; time_shift : of recorded motion, where it was fitted.
     """
 
@@ -138,7 +138,7 @@ class SceneBlur:
     ratios: tuple[float, ...] = ()
     motion: MotionShapes | None = None
     flat_w: float | None = None
-    doubt: str | None = None
+    caveat: str | None = None
     time_shift: TimeShift | None = None
 
     def restored(
@@ -158,8 +158,8 @@ class SceneBlur:
         if self.motion is not None and self.motion.others is not None and outcome.value is not None:
             outcome = judge_with_alternative(outcome.value, self.motion.shapes, self.motion.others)
         outcome = with_unit(self.unit, outcome, kernels, shapes)
-        if self.doubt is not None and outcome.verdict is Verdict.PASS:
-            outcome = replace(outcome, verdict=Verdict.DOUBTFUL, reason=self.doubt, remedy=REMEDY)
+        if self.caveat is not None and outcome.verdict is Verdict.PASS:
+            outcome = replace(outcome, verdict=Verdict.DOUBTFUL, reason=self.caveat, remedy=REMEDY)
         return outcome if self.motion is None else self.motion.judged(outcome)
 
     def coloured(
@@ -206,7 +206,7 @@ def _shaped(source: KnownShapes, max_w: float | None, photographs: Sequence[Arra
     check_max_w(widest)
     ratios = source.ratios or _ratios(source, widest, photographs)
     finer = partial(_masks_of_shapes, shapes, ratios, source.offsets or (0.0,) * len(shapes), widest, shape)
-    return SceneBlur(finer(1), finer, max_w=widest, ratios=ratios, doubt=source.doubt)
+    return SceneBlur(finer(1), finer, max_w=widest, ratios=ratios, caveat=source.caveat)
 
 
 def _arrays(shapes: Sequence[Shape]) -> list[npt.NDArray[np.float64]]:
@@ -303,7 +303,7 @@ def _of_flat_scene(
     report: Callable[[Finding], object],
 ) -> SceneBlur:  # fmt: skip
     if source.kernels:
-        motion = given_kernels(source.kernels, len(photographs), source.doubt)
+        motion = given_kernels(source.kernels, len(photographs), source.caveat)
     else:
         effort = source.effort if isinstance(source.effort, KernelEffort) else None
         grey = np.stack([photograph.mean(axis=0) for photograph in photographs])

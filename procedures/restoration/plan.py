@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from procedures.drawings import steps as drawings
-from procedures.outcome import BadInput, BadParameter, Outcome, Refused, Verdict, with_doubt
+from procedures.outcome import BadInput, BadParameter, Outcome, Refused, Verdict, mark_doubtful
 from procedures.plan import (
     HAS_IMU,
     HAS_SHAKER,
@@ -207,7 +207,7 @@ def compared_to_truth(
     try:
         return compare_to_ground_truth(outcome, photographs, truth)
     except BadInput as error:
-        return outcome if outcome.value is None else with_doubt(outcome, error.reason, error.remedy)
+        return outcome if outcome.value is None else mark_doubtful(outcome, error.reason, error.remedy)
 
 
 # --- questions of the plan of a restoration, each with the condition under which it is asked ---

@@ -70,7 +70,7 @@ class SensorResult:
     curves, transfer, linearity, response : basis of the temporal numbers
     dark, light : structure of the mean dark picture, and of the response
     dark_level : mean of the dark pictures, in digital numbers
-    doubt : reason why gain, noise and response are doubtful, or "". Stacks and the linear model do not affect these.
+    caveat : reason why gain, noise and response are doubtful, or "". Stacks and the linear model do not affect these.
     """
 
     numbers: Mapping[str, IntervalNumber]
@@ -81,7 +81,7 @@ class SensorResult:
     dark: FixedPattern | None
     light: FixedPattern | None
     dark_level: float
-    doubt: str = ""
+    caveat: str = ""
 
     __repr__ = summary
 
@@ -97,7 +97,7 @@ def characterise(recording: SensorRecording, rng: np.random.Generator) -> Outcom
             return outcome
     result = _temporal(recording, rng)
     numbers = result.numbers
-    result = replace(result, doubt=outcome.reason)
+    result = replace(result, caveat=outcome.reason)
     checks += stack_checks(recording, numbers[SATURATION_SIGNAL].value)
     checks.append(linearity_check(numbers[LINEARITY_ERROR].value))
     return verdict_of(checks, _spatial(result, recording, rng))

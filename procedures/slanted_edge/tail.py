@@ -21,7 +21,7 @@ EXACT = 1e6  # weight of an exact prior of the tail, over that of the samples
 MIN_LEAN, MAX_TAIL = 1e-3, 0.2
 """Least standard deviation of a g, in the samples' standard deviations times square pixels; greatest a, in pixels, that
 of a cutoff of a third of a cycle per pixel."""
-PUPIL_DOUBT = 0.05
+PUPIL_UNCERTAINTY = 0.05
 """Relative uncertainty of the pupil's tail: the plane's band of wavelengths, vignetting, the iris's corners."""
 
 
@@ -36,7 +36,7 @@ class Tail:
     def of_pupil(cls, diffraction: Diffraction) -> "Tail":
         """Tail of a clear circular pupil, in pixels of the plane."""
         px = 2 / (np.pi**3 * diffraction.cutoff)
-        return cls(px, PUPIL_DOUBT * px)
+        return cls(px, PUPIL_UNCERTAINTY * px)
 
     def contradiction(self, estimate: "Tail") -> float:
         """Deviation of an estimate from this prior, over four uncertainties or three tenths, whichever is larger."""

@@ -79,7 +79,7 @@ def check_course(strip: Strip, course: Course) -> None:
 
 def checks_of(course: Course, profile: EdgeProfile, mtf50: float, uncertainty: float) -> list[Check]:
     """All checks on a measured edge but those of corruptions."""
-    return _refusals(course, profile, mtf50, uncertainty) + _doubts(profile, mtf50, uncertainty)
+    return _refusals(course, profile, mtf50, uncertainty) + _flags(profile, mtf50, uncertainty)
 
 
 def _refusals(course: Course, profile: EdgeProfile, mtf50: float, uncertainty: float) -> list[Check]:
@@ -111,7 +111,7 @@ def _refusals(course: Course, profile: EdgeProfile, mtf50: float, uncertainty: f
     ]  # fmt: skip
 
 
-def _doubts(profile: EdgeProfile, mtf50: float, uncertainty: float) -> list[Check]:
+def _flags(profile: EdgeProfile, mtf50: float, uncertainty: float) -> list[Check]:
     doubtful, known, estimate = Verdict.DOUBTFUL, profile.tail_prior, profile.tail_estimate
     uneven = profile.unevenness / max(abs(profile.contrast), 1e-12)
     return [

@@ -495,7 +495,7 @@ class TiltFacts(FieldFacts):
     depths : distance of the chart along the optical axis in mm, by the photograph's mark
     turns : required turns of the screws
     helps : probability that they improve the alignment
-    chart_mtf_noise : of the photograph at the start, see `mtf_noise`
+    chart_mtf_noise : uncertainty of the MTF in the photograph at the start
     corner_um, centre_um : height of the sensor's highest corner over its centre, and its centre behind the lens
     sharpness : MTF in the frame's middle before the turn of each screw, by its number
     """

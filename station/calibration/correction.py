@@ -12,7 +12,7 @@ from procedures.correction.estimate import Correction, CorrectionParameters, cor
 from procedures.correction.light import evened
 from procedures.field.field_file import read_camera, read_colours, read_field, read_lights
 from procedures.numbers import CURVE_ERROR, CYCLES, FIELD_ERROR, MTF50_AFTER, MTF50_BEFORE, NOISE_GAIN
-from procedures.outcome import Outcome, Refused, with_doubt
+from procedures.outcome import Outcome, Refused, mark_doubtful
 from procedures.pattern_psf.estimate import PUPIL_SPREAD
 from procedures.pattern_psf.focus.aperture import CONTRADICTION_SIGMAS, mean_f_number
 from procedures.psf_field import PsfField
@@ -72,7 +72,7 @@ def correct_photographs(
     if unknown and outcome.value is not None:
         reason = f"it is not known whether the field is of this lens and setting: {', '.join(unknown)}"
         remedy = "compare them yourself, or measure the field from files with the camera's metadata"
-        outcome = with_doubt(outcome, reason, remedy)
+        outcome = mark_doubtful(outcome, reason, remedy)
     outcome = _judged(outcome, frame)
     metadata = read_metadata(read_photograph(frame.path), frame.exposure)
     return Corrected(frame, outcome, metadata, tuple(shifts), tuple(lights), tuple(others))
@@ -119,9 +119,9 @@ def _with_green(frame: RawFrame) -> RawFrame:
 def _judged(outcome: Outcome[Correction], frame: RawFrame) -> Outcome[Correction]:
     if frame.development is None or outcome.value is None:
         return outcome
-    for doubt in (wrong_curve([frame]), _by_curve(outcome.value), unknown_of([frame.development])):
-        outcome = with_doubt(outcome, *doubt) if doubt else outcome
-    return with_doubt(outcome, *_DEMOSAICKED)
+    for caveat in (wrong_curve([frame]), _by_curve(outcome.value), unknown_of([frame.development])):
+        outcome = mark_doubtful(outcome, *caveat) if caveat else outcome
+    return mark_doubtful(outcome, *_DEMOSAICKED)
 
 
 def _by_curve(value: Correction) -> tuple[str, str] | None:

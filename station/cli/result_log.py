@@ -34,7 +34,7 @@ def log_result(record: PlaneResult) -> None:
         other_causes=record.other_causes, verdict=str(record.verdict), plane=record.name, **took,
     )  # fmt: skip
     for sentence in record.unavailable:
-        log("untold", f"{record.name}: {sentence}", level="warning", plane=record.name)
+        log("unavailable", f"{record.name}: {sentence}", level="warning", plane=record.name)
 
 
 def check_strict(verdicts: Iterable[str | None], *, strict: bool) -> None:

@@ -25,6 +25,7 @@ BLOCK = 1 << 20
 READ_ONLY = 0o444
 _NO_FOLLOW = getattr(os, "O_NOFOLLOW", 0)  # absent on Windows, where links need rights that users do not have
 _BINARY = getattr(os, "O_BINARY", 0)
+_NO_RIGHT = (errno.EACCES, errno.EPERM, errno.EROFS)
 
 
 class WriteFailed(ProcedureError):
@@ -34,8 +35,8 @@ class WriteFailed(ProcedureError):
 
     def __init__(self, path: Path, error: OSError) -> None:
         reason = f"{path} could not be written: {error.strerror or error}"
-        remedy = "make room or repair the disk, then resume the session; everything written before is intact"
-        super().__init__(reason, remedy)
+        mend = "make it writable again" if error.errno in _NO_RIGHT else "make room or repair the disk"
+        super().__init__(reason, f"{mend}, then resume the session; everything written before is intact")
 
 
 class Unwritable(BadParameter):
@@ -46,6 +47,14 @@ class Unwritable(BadParameter):
         super().__init__(reason, "name a place in a folder that can be written, or make room")
         if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO):
             self.exit_code = WriteFailed.exit_code
+
+
+def check_writable(folder: Path) -> None:
+    """Raises Unwritable where a folder, or the nearest existing one above it, cannot take new files."""
+    existing = next(path for path in (folder.absolute(), *folder.absolute().parents) if path.exists())
+    if not existing.is_dir() or not os.access(existing, os.W_OK | os.X_OK):
+        number = errno.EACCES if existing.is_dir() else errno.ENOTDIR
+        raise Unwritable(folder, OSError(number, os.strerror(number)))
 
 
 class ContentChanged(ProcedureError):

@@ -186,7 +186,7 @@ class ActiveDevices:
                 self._move(name, stage, self.places)
 
     def caveats(self) -> dict[str, Caveat]:
-        """Reasons to doubt the stages' reported positions, by device."""
+        """Caveats about the stages' reported positions, by device."""
         caveats = {name: self._device(name).condition().caveat for name in self.movers()}
         return {name: caveat for name, caveat in caveats.items() if caveat is not None}
 

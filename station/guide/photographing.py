@@ -50,7 +50,7 @@ class LookProgress:
     name: str = ""
     deviations: list[float] = field(default_factory=list)
     values: list[float] = field(default_factory=list)
-    doubts: int = 0
+    contradictions: int = 0
 
     def stalled(self, advice: Advice) -> str:
         """Why further moves do not help; "" unless three moves have brought a reading no nearer."""
@@ -73,8 +73,8 @@ class LookProgress:
 
     def exhausted(self) -> bool:
         """Count one more contradiction; whether there have been too many."""
-        self.doubts += 1
-        return self.doubts >= MAX_STALLED
+        self.contradictions += 1
+        return self.contradictions >= MAX_STALLED
 
 
 def resolve(talk: Conversation, asks: Mapping[str, Ask], reason: str, keys: tuple[str, ...], *, last: bool) -> None:

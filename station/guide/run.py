@@ -174,7 +174,7 @@ class Run:
             self._talk.attempt(lambda: self._session.note("devices", devices=identities))
         for name, caveat in self._rig.caveats().items():
             self._talk.notify(frontend.ProblemEvent(f"{name}: {caveat.reason}", caveat.remedy))
-            self._talk.attempt(lambda n=name, c=caveat: self._session.note("doubted", device=n, reason=c.reason))  # type: ignore[misc]
+            self._talk.attempt(lambda n=name, c=caveat: self._session.note("caveat", device=n, reason=c.reason))  # type: ignore[misc]
         if resumed:
             self._restore()
 

@@ -100,12 +100,12 @@ class RawLayout(Settings, frozen=True, kw_only=True):
     """Settings of procedures that read photographs."""
 
     raw: Annotated[str | None, setting(
-        "The photographs are a sensor's samples without a header: size, colours, kind of sample, levels.",
-        metavar="WxH,RGGB,u16le,BLACK,WHITE")] = None  # fmt: skip
+        "The photographs are a sensor's samples: size, colours, kind of sample and levels of files without a header; "
+        "RGGB,BLACK,WHITE, or Y for RGGB, of grey pictures.", metavar="WxH,RGGB,u16le,BLACK,WHITE")] = None  # fmt: skip
 
     @property
     def layout(self) -> DumpLayout | None:
-        """Layout of samples without a header. Raises BadParameter if the text is invalid."""
+        """Layout of a sensor's samples. Raises BadParameter if the text is invalid."""
         return None if self.raw is None else DumpLayout.parse(self.raw)
 
     def check(self) -> None:

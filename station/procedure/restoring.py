@@ -43,7 +43,13 @@ from procedures.restoration.unknown_motion.blind import Prototypes, SearchRound
 from procedures.restoration.unknown_motion.flat_scene import FreeKernels
 from procedures.restoration.unknown_motion.recorded_paths import read_path
 from station.calibration.restoration import developed
-from station.calibration.restoration.inputs import doubt_of, poses_of_records, read_blur_shape, read_kernels, read_poses
+from station.calibration.restoration.inputs import (
+    caveat_of,
+    poses_of_records,
+    read_blur_shape,
+    read_kernels,
+    read_poses,
+)
 from station.common.progress import Progress, silent
 from station.common.sanitise import encodable
 from station.procedure.restore_settings import RestoreSettings
@@ -139,11 +145,11 @@ def _source(
     ratios = _later(settings.ratio, 1.0, len(frames))
     if settings.prototype_region is not None:
         paths = tuple(read_path(Path(one)) for one in settings.recorded_path)
-        kernels, doubt = read_kernels([Path(one) for one in settings.shape])
-        return UnknownMotion(region_of(settings.prototype_region), paths, ratios, kernels, doubt)
+        kernels, caveat = read_kernels([Path(one) for one in settings.shape])
+        return UnknownMotion(region_of(settings.prototype_region), paths, ratios, kernels, caveat)
     samples = settings.samples_per_pixel
     shapes = _shapes(settings.shape, frames, photographs, samples if isinstance(samples, int) else None)
-    return KnownShapes(shapes, ratios, _later(settings.offset, 0.0, len(frames)), doubt_of(settings.shape))
+    return KnownShapes(shapes, ratios, _later(settings.offset, 0.0, len(frames)), caveat_of(settings.shape))
 
 
 def _exposures(settings: RestoreSettings, frames: list[RawFrame]) -> list[float | None]:
@@ -178,13 +184,13 @@ def _finding(motion: Finding) -> str:
     if isinstance(motion, SearchRound):
         return f"search of the motion: round {motion.n} of at most {motion.most}"
     if isinstance(motion, FreeKernels):
-        return motion.doubt or f"motions of any form within {motion.half_width:.0f} pixels each way"
+        return motion.caveat or f"motions of any form within {motion.half_width:.0f} pixels each way"
     if isinstance(motion, Prototypes):
         return (
             f"motion of half-width {motion.half_width:.1f} pixels in the flat part; the search for the paths that "
             "agree with the whole frame takes about a minute"
         )
-    return motion.doubt or f"paths of half-width {motion.half_width:.2f} pixels in the flat part"
+    return motion.caveat or f"paths of half-width {motion.half_width:.2f} pixels in the flat part"
 
 
 def _lenses(settings: RestoreSettings, frames: Sequence[RawFrame]) -> list[CameraSetting]:
@@ -282,7 +288,7 @@ def _blur_record(settings: RestoreSettings, frames: list[RawFrame], spec: BlurSp
         entries["defocus_offset"] = list(spec.defocus.offsets)
     if (motion := blur.motion) is not None:
         paths = None if motion.path is None else motion.path[:, ::8].round(3).tolist()
-        entries["motion"] = {"half_width_px": motion.half_width, "paths_px": paths, "doubt": motion.doubt}
+        entries["motion"] = {"half_width_px": motion.half_width, "paths_px": paths, "caveat": motion.caveat}
     return entries
 
 

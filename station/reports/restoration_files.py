@@ -92,14 +92,13 @@ def _entries(restoration: Restoration, distances: Distances | None) -> dict[str,
             "median_std": float(np.nanmedian(distances.std)) if known else None,
             "median_common_std": float(np.nanmedian(distances.common)) if known else None,
             "unit": "m",
-            "told": distances.determined,
+            "determined": distances.determined,
             "side": distances.side,
         }
     if (truth := restoration.ground_truth) is not None:
-        keys = {entry.name: entry.name for entry in fields(truth) if entry.name != "difference"}
-        keys |= {"stated_error": "told", "compared": "seen"}
+        names = [entry.name for entry in fields(truth) if entry.name != "difference"]
         entries["ground_truth"] = {
-            **{key: getattr(truth, name) for name, key in keys.items()},
+            **{name: getattr(truth, name) for name in names},
             "before_db": [db if np.isfinite(db) else None for db in truth.before_db],
             "matrix": truth.matrix.tolist(),
         }

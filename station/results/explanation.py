@@ -25,6 +25,7 @@ DERIVED = "derived"
 EDGES = "edges"
 BUDGETS, BRIGHTER = "budgets", "with_four_times_the_light"
 """Entries of a restoration: budgets by number, and the picture's expected error."""
+SENSOR_SAMPLES = "photograph RAW; if the picture holds a sensor's samples, state it by --raw ORDER,BLACK,WHITE"
 OWN = {
     "points": ("noise of the chart's points", "photograph four times as many views, or the chart larger and sharper"),
     "flatness": (
@@ -41,8 +42,8 @@ OWN = {
     "scatter": ("displacements along the edge", "use a straighter edge, and hold the camera still"),
     "sharpening": ("unsharp mask not excluded", "switch off sharpening, or photograph RAW"),
     "overshoot": ("wide mask not excluded", "switch off clarity and local contrast, or photograph RAW"),
-    "tone": ("tone curve not excluded", "photograph RAW, which has no tone curve"),
-    "contrast": ("S-shaped tone curve not excluded", "photograph RAW, which has no tone curve"),
+    "tone": ("tone curve not excluded", SENSOR_SAMPLES),
+    "contrast": ("S-shaped tone curve not excluded", SENSOR_SAMPLES),
     "shapes": (
         "disagreement of blur and photographs",
         "measure the shapes of the blur again, and check that nothing moved",

@@ -31,7 +31,7 @@ MAX_PLANE_NAME = 8
 RESULT_KEYS = ("result", "rig")
 OF_HEAD = ("arguments", "settings", "specification", "batch", "field", "environment", "duration_s")
 NOT_ENTRIES = ("schema", "procedure", "input", "parameters", "software", "files", "left_out", SEAL, *OF_HEAD)
-PARSED = ("verdict", "reason", "remedy", "other_causes", "specification", "untold")
+PARSED = ("verdict", "reason", "remedy", "other_causes", "specification", "unavailable", "untold")
 """Entries of a plane that are attributes of its result."""
 
 
@@ -115,7 +115,8 @@ def _plane(folder: Path, name: str, entry: Mapping[str, Any]) -> PlaneResult:
         checked_array(parse_npy(_own(samples), str(samples), _AGAIN), f"the PSF {samples}", ("k", "k"), remedy=_AGAIN)
         if verdict is not Verdict.REFUSED and samples.is_file() else None,
         values=values, unit=unit, pitch=0, specification=Comparison.from_record(entry.get("specification")),
-        unavailable=tuple(map(str, _list(entry.get("untold")))), details=rest, other_causes=read_other_causes(entry),
+        unavailable=tuple(map(str, _list(entry.get("unavailable", entry.get("untold"))))), details=rest,
+        other_causes=read_other_causes(entry),
     )  # fmt: skip
 
 

@@ -194,7 +194,7 @@ def plane_record(plane: PlaneResult) -> dict[str, Any]:
     if plane.specification is not None:
         entry["specification"] = plane.specification.to_record()
     if plane.unavailable:
-        entry["untold"] = list(plane.unavailable)
+        entry["unavailable"] = list(plane.unavailable)
     if plane.verdict is not Verdict.REFUSED and plane.pitch:
         entry["sensor_pixels_per_pixel"] = plane.pitch
     entry.update(plane.values)

@@ -89,7 +89,7 @@ def _device(state: DeviceState) -> dict[str, Any]:
         "state": condition.word,
         "usable": condition.usable,
         "remedy": condition.remedy,
-        "doubt": asdict(condition.caveat) if condition.caveat is not None else None,
+        "caveat": asdict(condition.caveat) if condition.caveat is not None else None,
         "moving": state.moving,
         "places": dict(state.places),
     }

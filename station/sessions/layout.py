@@ -170,7 +170,7 @@ def is_given(name: str) -> bool:
 
 
 def copied(folder: Path, files: Sequence[Path], disk: Disk) -> dict[str, str]:
-    """Read-only copies of files in a new folder of the session; hashes by path. Raises NotKept, Changed."""
+    """Read-only copies of files in a new folder of the session; hashes by path. Raises WriteFailed, ContentChanged."""
     place = _free(own(folder / GIVEN))
     hashes = {}
     for source in (file.resolve() for file in files):

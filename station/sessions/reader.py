@@ -135,7 +135,7 @@ def sessions_in(root: Path) -> Iterator[Path]:
 
 
 def delete_session(folder: Path) -> None:
-    """Delete a session with photographs and results. Raises BadInput if it is none; Busy if open; NotKept."""
+    """Delete a session with photographs and results. Raises BadInput if it is none; Busy if open; WriteFailed."""
     layout.check_layout(folder)
     layout.Lock(folder).release()  # raises if another program has it open
     doomed = folder.with_name(f".deleting-{secrets.token_hex(8)}")
@@ -169,7 +169,7 @@ class OpenSession(Protocol):
 
 def recover(session: OpenSession, record: SessionRecord, without: Collection[int] = ()) -> None:
     """Clean up, complete photographs, report lost lines, missing and unknown files, `without` some shots. Raises
-    NotKept."""
+    WriteFailed."""
     _sweep(session.folder)
     if record.gap.lines:
         session.note("cut", lines=record.gap.lines)

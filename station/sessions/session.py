@@ -87,7 +87,7 @@ class Session:
         cls, root: Path, *, plan: str, camera: str, lens: str, config: Mapping[str, Any], clock: Clock, seed: int = 0,
         today: Today = utc_now, disk: Disk | None = None,
     ) -> "Session":  # fmt: skip
-        """Create a session in a new folder inside `root`, atomically. Raises NotKept if the disk refuses.
+        """Create a session in a new folder inside `root`, atomically. Raises WriteFailed.
 
         config : configuration of the run, stored in session.toml: the bench's tables, the plan's parameters
         clock : the bench's, for the times of exposures and transcripts
@@ -122,7 +122,7 @@ class Session:
         `state.notices` lists what was repaired and which exposures must be repeated.
 
         Raises BadInput if the folder is not a session; Busy if another program has it open; Damaged if a photograph,
-        the journal or the configuration is damaged; NotKept if the disk refuses.
+        the journal or the configuration is damaged; WriteFailed if the disk refuses.
 
         without : numbers of shots whose photographs are permanently lost; they no longer count.
         """
@@ -209,8 +209,8 @@ class Session:
         """Adopt a photograph: a verified read-only copy in originals/, recorded in the journal.
 
         The file also stays where the camera's software put it. On a full disk it stays only there; once there is room,
-        calling this again for it, or opening the session, continues. Raises Changed if the file has changed since its
-        exposure; NotKept if the disk refuses.
+        calling this again for it, or opening the session, continues. Raises ContentChanged if the file has changed
+        since its exposure; WriteFailed if the disk refuses.
         """
         with self._guard:
             pending = self.state.adopting
@@ -271,7 +271,7 @@ class Session:
 
         If the last result still stands and has the same files, it is kept and the new one removed: a step that was
         interrupted after its result yields no second one. If a result that is not in the journal has the same files,
-        that one is confirmed. Raises NotKept if the disk refuses.
+        that one is confirmed. Raises WriteFailed.
         """
         with self._guard:
             folder, standing = self.result_folder(), self.state.standing
@@ -314,7 +314,7 @@ class Session:
     def acknowledge_notices(self) -> None:
         """Record that the operator has seen all notices. Raises WriteFailed."""
         if self.state.notices:
-            self.note("told")
+            self.note("acknowledged")
 
     def write_sums(self) -> None:
         """Write the hashes for `sha256sum --check`; postponed if the disk is full."""

@@ -212,7 +212,8 @@ def _given(state: SessionState, line: JournalLine) -> SessionState:
 
 
 CHANGES: Mapping[str, Callable[[SessionState, JournalLine], SessionState]] = {
-    "told": lambda state, line: replace(state, notices=()),
+    "acknowledged": lambda state, line: replace(state, notices=()),
+    "told": lambda state, line: replace(state, notices=()),  # older sessions
     "noticed": lambda state, line: replace(state, notices=(*state.notices, str(line.data["say"]))),
     "learned": lambda state, line: replace(state, facts={**state.facts, **line.data["facts"]}),
     "forgot": _forgot,

@@ -1,4 +1,4 @@
-"""Clean and corrupted photographs by a renderer of its own: wrong passes, wrong doubts, coverage.
+"""Clean and corrupted photographs by a renderer of its own: wrong passes, false alarms, coverage.
 
 A case is lens x pose x noise x corruption, drawn by its seed. Nothing here is shared with procedures or simulators but
 the chart's bitmap: pupils are autocorrelated, edges are Fourier integrals of the OTF at the pixels' centres, charts are

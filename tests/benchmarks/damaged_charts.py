@@ -1,4 +1,4 @@
-"""Damaged copies of the published photograph of the chart: how many are refused, doubted, passed, and which pass wrong.
+"""Damaged copies of the published photograph of the chart: how many are refused, doubtful, passed, and wrongly passed.
 
 A pass is wrong where MTF50, along rows or columns, lies farther than three of its stated standard uncertainties from
 the undamaged photograph's. An unsharp mask of a tenth leaves a PSF that a lens could have, too: such copies are

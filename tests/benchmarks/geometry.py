@@ -1,6 +1,6 @@
 """How well the geometry is found and how honest its uncertainty is, on simulated views; against OpenCV's calibration.
 
-tests/benchmarks/geometry.py [spread | spline | doubts | opencv | speed | photographs | bins]... [--draws=N]
+tests/benchmarks/geometry.py [spread | spline | discrepancy | opencv | speed | photographs | bins]... [--draws=N]
 
 A camera of 24 megapixels with radial, tangential and thin-prism distortion, 12 views, a print that errs by 0.05 mm at
 every node and a sheet that bends by 0.5 mm; points with noise of 0.01 pixel.
@@ -103,7 +103,7 @@ def _spread(draws: int, model: str, shoot: Shoot) -> None:
         print(f"  at {d:g} mm: stated {mean:.5f} pixel, spread {wide:.5f}, ratio {mean / wide:.3f}; {places}")
 
 
-def doubts(draws: int) -> None:
+def discrepancy(draws: int) -> None:
     """How often an inadequate model is flagged as doubtful, and how often an adequate one."""
     small = replace(SHOOT, every=2, count=10)
     for words, shoot in (("too simple", small), ("right", replace(small, camera=PLAIN))):
@@ -114,7 +114,7 @@ def doubts(draws: int) -> None:
             found = calibrate_geometry(taken.views, shoot.camera.size, parameters, nodes=taken.nodes)
             alarms += "too simple" in found.reason
             refused += found.value is None
-        print(f"{POOR} where it is {words}: doubted in {alarms} of {draws} draws, refused in {refused} "
+        print(f"{POOR} where it is {words}: doubtful in {alarms} of {draws} draws, refused in {refused} "
               "(12 x 12 nodes, 10 views)", flush=True)  # fmt: skip
 
 
@@ -241,7 +241,7 @@ def main() -> None:
     parts = {
         "spread": spread,
         "spline": spline,
-        "doubts": doubts,
+        "discrepancy": discrepancy,
         "opencv": opencv,
         "speed": speed,
         "photographs": photographs,

@@ -130,7 +130,7 @@ def restoration(folder: Path, seed: int) -> None:
         print("  w " + ", ".join(f"{a:.3f} (truly {b:.3f})" for a, b in zip(stated, truth, strict=True)))
         print(f"  ground truth {witness['psnr_db']:.1f} dB, photographs {max(witness['before_db']):.1f} dB at best; "
               f"error {100 * witness['error']:.2f} % of white, as soft {100 * witness['error_as_soft']:.2f} %, stated "
-              f"{100 * witness['told']:.2f} %", flush=True)  # fmt: skip
+              f"{100 * witness['stated_error']:.2f} %", flush=True)  # fmt: skip
         bench.close()
 
 

@@ -63,7 +63,9 @@ def trial(motions: tuple[int, int], recorded: bool, noise: float, shape: tuple[i
         list(case.z), box, found, MAX_W, np.random.default_rng(0), np.stack(begun) if begun else None
     )
     seconds = time.process_time() - start
-    print(f"  half-width {motion.half_width:.2f} for w {case.w[80, 80]:.1f}, {seconds:.0f} s, {motion.doubt or 'sure'}")
+    print(
+        f"  half-width {motion.half_width:.2f} for w {case.w[80, 80]:.1f}, {seconds:.0f} s, {motion.caveat or 'sure'}"
+    )
     known, *others = (
         restore(list(case.z), stacks).value
         for stacks in (

@@ -80,7 +80,7 @@ def restored(folder, suffix):
     truth = record.get("ground_truth")
     if truth is None:
         return f"refused: {record['result']['reason']}"
-    ratio = truth["error"] / truth["told"]
+    ratio = truth["error"] / truth["stated_error"]
     best = max(truth["before_db"])
     return f"{best:5.1f} -> {truth['psnr_db']:5.1f} dB, error over stated {ratio:.2f}, {record['result']['verdict']}"
 

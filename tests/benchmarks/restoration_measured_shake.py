@@ -165,7 +165,7 @@ def unknown(case: Shaken) -> FreeKernels:
     likeness = " ".join(f"{_likeness(a, b):.2f}" for a, b in zip(found.kernels, case.true, strict=True))
     print(
         f"likeness {likeness}  agreement {found.agreement:.2f}  left {found.residual:.4f}  {seconds:.0f} s"
-        f"  {found.doubt or 'sure'}",
+        f"  {found.caveat or 'sure'}",
         flush=True,
     )
     return found

@@ -87,10 +87,10 @@ def series(name: str, camera: Camera, count: int, *, known: bool = False, noise:
 
 def report(name: str, found: Sequence[Quantity], truths: Array, plain: Array, passed: int) -> None:
     """Mean error, errors in units of their uncertainty, and the plain chain's mean error."""
-    values, doubts = np.array([q.value for q in found]), np.array([q.uncertainty for q in found])
-    z = (values - truths) / doubts
+    values, uncertainties = np.array([q.value for q in found]), np.array([q.uncertainty for q in found])
+    z = (values - truths) / uncertainties
     print(
-        f"  {name:36s} {truths.mean():.4f} {np.mean(values / truths) - 1:+7.2%} {np.mean(doubts / truths):6.2%} "
+        f"  {name:36s} {truths.mean():.4f} {np.mean(values / truths) - 1:+7.2%} {np.mean(uncertainties / truths):6.2%} "
         f"{np.sqrt(np.mean(z**2)):5.2f} {np.mean(np.abs(z) < 2):5.0%} {passed:4d} of {len(found):3d} "
         f"{np.mean(plain / truths) - 1:+7.2%}",
         flush=True,

@@ -104,7 +104,7 @@ def test_the_photograph_at_rest_confirms_the_restoration(done):
     assert np.std(nearest_shift(truth, trial) - trial) < 0.1 * trial.std()
     assert witness["psnr_db"] > max(witness["before_db"]) + 3
     # relative to the reported error, within the limit of a doubtful restoration
-    assert witness["error"] < 2 * witness["told"]
+    assert witness["error"] < 2 * witness["stated_error"]
 
 
 def nearest_shift(picture, like):

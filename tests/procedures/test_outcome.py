@@ -2,7 +2,7 @@
 
 import pytest
 
-from procedures.outcome import SYMPTOM, Cause, Check, Outcome, Verdict, verdict_of, with_doubt, worst_of
+from procedures.outcome import SYMPTOM, Cause, Check, Outcome, Verdict, mark_doubtful, verdict_of, worst_of
 
 DOUBTFUL, REFUSED = Verdict.DOUBTFUL, Verdict.REFUSED
 
@@ -54,10 +54,10 @@ def test_causes_are_ranked_by_what_they_explain():
     assert shown(outcome) == ["focus", "light"]
     outcome = verdict_of([check("light", 9.0), check("light", 9.0, 3.0, REFUSED), check("focus", 2.0)])
     assert shown(outcome) == ["light", "focus"]
-    assert shown(with_doubt(Outcome(1), "flats is bad", "")) == ["flats"]
-    added = with_doubt(verdict_of([check("light", 2.0), check("focus", 1.5)], 1), "flats is bad", "")
+    assert shown(mark_doubtful(Outcome(1), "flats is bad", "")) == ["flats"]
+    added = mark_doubtful(verdict_of([check("light", 2.0), check("focus", 1.5)], 1), "flats is bad", "")
     assert shown(added) == ["light", "focus", "flats"]
-    assert with_doubt(Outcome(None, REFUSED, "dark", ""), "flats", "").reason == "dark"
+    assert mark_doubtful(Outcome(None, REFUSED, "dark", ""), "flats", "").reason == "dark"
 
 
 def test_of_several_planes_the_cause_that_most_of_them_have_comes_first() -> None:

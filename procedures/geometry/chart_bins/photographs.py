@@ -75,7 +75,7 @@ def view_of(plane: PlaneLike, chart: Chart, source: str, location: ChartLocation
     if turned is None and factor == 1:
         psf = estimate_psf(plane, chart, parameters, sighting=sighting)
         return psf.of_value(None if psf.value is None else on_sensor(psf.value.correspondences, plane, source))
-    # doubts about the PSF of a picture that was reduced or turned do not concern the geometry
+    # flags of the PSF of a picture that was reduced or turned do not concern the geometry
     located = locate_bins(replace(plane, samples=samples), chart, parameters, sighting)
     if located.value is None:
         return located.of_value(None)

@@ -30,9 +30,9 @@ def span(w: Array) -> Array:
     return np.asarray(maximum_filter(w, 3) - minimum_filter(w, 3))
 
 
-def segments(w: Array, doubt: int, known: Labels | None = None, jump: float = JUMP_PX) -> Labels:
+def segments(w: Array, margin: int, known: Labels | None = None, jump: float = JUMP_PX) -> Labels:
     """Segments 1, 2, ... (H, W) of a depth map, cut at edges, borders of `known` ones and necks, and merged where
-    surfaces match; depths near a cut, in `doubt`, are ignored."""
+    surfaces match; depths near a cut, in `margin`, are ignored."""
     steep = span(w)
     cuts = steep > jump
     if known is not None:
@@ -45,7 +45,7 @@ def segments(w: Array, doubt: int, known: Labels | None = None, jump: float = JU
     labels = np.asarray(watershed_ift(height, markers), dtype=np.int32)
     # flooding along a cut from its far end is assigned to the side where it lies
     nearest = distance_transform_edt(cuts, return_distances=False, return_indices=True)
-    return _merged(w, labels[tuple(nearest)], jump / 2, doubt)
+    return _merged(w, labels[tuple(nearest)], jump / 2, margin)
 
 
 def _markers(distance: Array) -> Labels:
@@ -62,9 +62,9 @@ def _markers(distance: Array) -> Labels:
     return markers
 
 
-def _merged(w: Array, labels: Labels, least: float, doubt: int) -> Labels:
+def _merged(w: Array, labels: Labels, least: float, margin: int) -> Labels:
     """Labels with parts merged whose surfaces differ by less than `least` along three quarters of their border."""
-    surface = surfaces(w, labels, 0, doubt).surface
+    surface = surfaces(w, labels, 0, margin).surface
     across = _meetings(labels, surface)
     group = np.arange(labels.max() + 1)
     for (a, b), differences in across.items():
@@ -99,12 +99,12 @@ def extrapolate(w: Array, known: Array, sigma: float, scarce: float = 0.03) -> A
     return np.asarray(wider + mass / (mass + scarce) * (value - wider))
 
 
-def remove_blemishes(w: Array, labels: Labels, doubt: int) -> Array:
+def remove_blemishes(w: Array, labels: Labels, margin: int) -> Array:
     """w without small parts that are bounded by edges and differ from the surface around them by more than an edge."""
     parts, n = label(span(w) <= JUMP_PX)
     small = np.bincount(parts.ravel(), minlength=n + 1) < BLEMISH_PIXELS
     small[0] = True
-    around = surfaces(w, np.where(small[parts], 0, labels), 3 * doubt, doubt)
+    around = surfaces(w, np.where(small[parts], 0, labels), 3 * margin, margin)
     wrong = small[parts] & around.near & (np.abs(w - around.other) > JUMP_PX)
     return np.where(wrong, around.other, w).astype(w.dtype)
 
@@ -119,8 +119,8 @@ class Surfaces:
     near: NDArray[np.bool_]
 
 
-def surfaces(w: Array, labels: Labels, reach: int, doubt: int, rank: int = 1, valid: Mask | None = None) -> Surfaces:
-    """Surfaces within `reach` pixels of another segment, from depths farther than `doubt` pixels from any border.
+def surfaces(w: Array, labels: Labels, reach: int, margin: int, rank: int = 1, valid: Mask | None = None) -> Surfaces:
+    """Surfaces within `reach` pixels of another segment, from depths farther than `margin` pixels from any border.
 
     rank : 1 for the nearest other segment, 2 for the second nearest; valid : the depths to be used, all if None.
     """
@@ -128,14 +128,14 @@ def surfaces(w: Array, labels: Labels, reach: int, doubt: int, rank: int = 1, va
     border = distance_transform_edt(~_borders(labels))
     result = w.copy()
     others = [(np.full(w.shape, np.inf), w.copy(), np.zeros(w.shape, np.int32)) for _ in range(rank)]
-    sigma = 1.5 + 0.7 * max(reach, doubt)
+    sigma = 1.5 + 0.7 * max(reach, margin)
     wide = int(3.5 * sigma) + 1
     for k, box in enumerate(find_objects(labels), start=1):
         if box is None:
             continue
         box = tuple(slice(max(0, s.start - wide), s.stop + wide) for s in box)
         mine = labels[box] == k
-        reliable = mine & (border[box] >= min(doubt, 0.7 * float(border[box][mine].max())))
+        reliable = mine & (border[box] >= min(margin, 0.7 * float(border[box][mine].max())))
         if valid is not None and (reliable & valid[box]).any():
             reliable &= valid[box]
         surface = extrapolate(w[box], reliable.astype(np.float64), sigma)

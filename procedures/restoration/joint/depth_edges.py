@@ -54,15 +54,15 @@ class Layers:
 
 
 def layers_of(
-    w: Array, labels: Labels, reach: int, doubt: int, jump: float = JUMP_PX, rank: int = 1,
+    w: Array, labels: Labels, reach: int, margin: int, jump: float = JUMP_PX, rank: int = 1,
     where: Mask | None = None, valid: Mask | None = None,
 ) -> Layers:  # fmt: skip
     """Layers within `reach` of every border between segments: the pixel's surface and its neighbour's.
 
-    Depths within `doubt` pixels of a border are ignored. rank : 1 for the nearest neighbour, 2 for the next, which may
+    Depths within `margin` pixels of a border are ignored. rank : 1 for the nearest neighbour, 2 for the next, which may
     lie between two others; valid : pixels whose depth may be used.
     """
-    pair = surfaces(w, labels, reach, doubt, rank, valid)
+    pair = surfaces(w, labels, reach, margin, rank, valid)
     rises = pair.surface > pair.other
     # beyond the band as at its edge, so that nothing outside affects the share
     nearest = distance_transform_edt(~pair.near, return_distances=False, return_indices=True)
@@ -74,7 +74,7 @@ def layers_of(
     if not band.any():
         return Layers(w, w, np.zeros(w.shape, bool), np.zeros_like(w), labels, labels)
     # undecided where the rough map was wrong: a share that starts at 0 or 1 changes slowly
-    share = gaussian_filter(np.where(up, 1.0, 0.0), reach / 3 if doubt > 4 else 1.0)
+    share = gaussian_filter(np.where(up, 1.0, 0.0), reach / 3 if margin > 4 else 1.0)
     share = np.where(band, share, up)
     return Layers(
         np.where(band, high, w), np.where(band, low, w), band, share,

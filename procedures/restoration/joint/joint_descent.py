@@ -204,7 +204,7 @@ def _restarted(problem: JointProblem, state: DescentState, weights: PriorWeights
             pair = RegionAttempt(u, w, pair.labels)
         return pair
 
-    old = RegionAttempt(state.u, state.w, segments(state.w, DOUBT, state.labels))
+    old = RegionAttempt(state.u, state.w, segments(state.w, EDGE_MARGIN, state.labels))
     iterations = problem.edges.iterations
     pair = restart(problem.data, problem.other, old, problem.reach, weights.picture, onward, iterations)
     return pair.u, pair.w, pair.labels
@@ -214,12 +214,12 @@ def _edges_localised(
     problem: JointProblem, state: DescentState, step: PlaceEdges, weights: PriorWeights
 ) -> tuple[Array, Array, Labels]:
     """Picture, depth and segments with localised depth edges, over a wide or a narrow band."""
-    reach, doubt = (step.reach, step.doubt) if step.reach is not None else (problem.reach, problem.reach - 1)
-    labels = segments(state.w, doubt, state.labels)
-    w = remove_blemishes(state.w, labels, doubt) if step.far else state.w
+    reach, margin = (step.reach, step.margin) if step.reach is not None else (problem.reach, problem.reach - 1)
+    labels = segments(state.w, margin, state.labels)
+    w = remove_blemishes(state.w, labels, margin) if step.far else state.w
     # in a wide band only where the first depth did not fit
     where = problem.misfit if step.far else None
-    layers = layers_of(w, labels, reach, doubt, rank=step.layers, where=where)
+    layers = layers_of(w, labels, reach, margin, rank=step.layers, where=where)
     soft = max(weights.picture, step.softness)
     return place_steps(problem.data, problem.other, state.u, w, labels, layers, soft, step.decided, problem.edges)
 
@@ -299,7 +299,7 @@ LEAST_PART, MOST = 30, 0.2
 a wide surrounding."""
 LEAST_SEGMENT, LEAST_EXPLAINED = 40, 0.3
 """Smallest number of pixels and fraction of a segment that must be explained; otherwise it is a blemish."""
-DOUBT = 2
+EDGE_MARGIN = 2
 """Pixels about a border whose depth is ignored."""
 SOFT = 1e-4
 """Smallest weight of the picture's prior at the start of a region."""
@@ -350,8 +350,8 @@ def restarted(
     """The pair with its wrong regions restarted, edges localised within `reach`; the terms remain focused elsewhere."""
     soft = max(weight, SOFT)
     labels = reliable_segments(old.labels, wrong)
-    w = np.where(wrong, surfaces(old.w, labels, 0, DOUBT, valid=~wrong).surface, old.w).astype(old.w.dtype)
-    layers = layers_of(w, labels, reach, DOUBT, where=wrong, valid=~wrong)
+    w = np.where(wrong, surfaces(old.w, labels, 0, EDGE_MARGIN, valid=~wrong).surface, old.w).astype(old.w.dtype)
+    layers = layers_of(w, labels, reach, EDGE_MARGIN, where=wrong, valid=~wrong)
     layers = replace(layers, share=np.where(layers.band, 0.5, layers.share))
     data.focus(w)
     u = restore_picture(data, np.where(wrong, data.mean(), old.u).astype(old.u.dtype), soft, 15)
@@ -365,7 +365,7 @@ def better_of(data: DataTerm, old: RegionAttempt, new: RegionAttempt, wrong: Mas
         data.focus(pair.w)
         power = np.pad((data.residual(pair.u) ** 2).sum(axis=(0, 1)), data.R)
         residuals.append(uniform_filter(power, 2 * data.R + 1))
-    take = binary_dilation(wrong, iterations=DOUBT) & (residuals[1] < residuals[0])
+    take = binary_dilation(wrong, iterations=EDGE_MARGIN) & (residuals[1] < residuals[0])
     return RegionAttempt(
         np.where(take, new.u, old.u), np.where(take, new.w, old.w), np.where(take, new.labels, old.labels)
     )

@@ -43,7 +43,7 @@ class Scheme:
 class PlaceEdges:
     """Localises the depth edges before a joint step.
 
-    reach, doubt : pixels about an edge in which it is searched for, and in which w is ignored; None for those of the
+    reach, margin : pixels about an edge in which it is searched for, and in which w is ignored; None for those of the
     first depth. decided : distance from one half above which a pixel's share of two layers is used without median
     filter, which cuts corners; 1 for never. layers : maximum number of layers across an edge. softness : smallest
     weight of the picture's prior meanwhile.
@@ -51,7 +51,7 @@ class PlaceEdges:
 
     label: str
     reach: int | None = None
-    doubt: int = 0
+    margin: int = 0
     decided: float = 0.25
     layers: int = 1
     softness: float = 1e-5
@@ -73,8 +73,8 @@ Opening = PlaceEdges | RestartRegions | None
 """Preparation of the joint step of a round."""
 FAR = PlaceEdges("steps far", decided=1.0, softness=1e-3)
 BETWEEN = PlaceEdges("steps far, between", decided=1.0, layers=2, softness=1e-3)
-NEAR = PlaceEdges("steps near", reach=5, doubt=2)
-NEARER = PlaceEdges("steps nearer", reach=3, doubt=1)
+NEAR = PlaceEdges("steps near", reach=5, margin=2)
+NEARER = PlaceEdges("steps nearer", reach=3, margin=1)
 
 
 def openings(rounds: int) -> tuple[Opening, ...]:

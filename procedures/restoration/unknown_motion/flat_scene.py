@@ -172,14 +172,14 @@ class FreeKernels:
     """Kernels (P, K, K) of the photographs, one sample a pixel, centred on their common extent, sum 1.
 
     residual : standard deviation of the residual of the photographs' differences, relative to their contrast;
-    agreement : correlation of the results of two starts; doubt : why they are unreliable, or None; others : the result
+    agreement : correlation of the results of two starts; caveat : why they are unreliable, or None; others : the result
     of another start, of any extent, or None where none agrees and is as probable.
     """
 
     kernels: Array
     residual: float
     agreement: float
-    doubt: str | None = None
+    caveat: str | None = None
     others: Array | None = None
 
     @property
@@ -190,7 +190,7 @@ class FreeKernels:
     @property
     def shapes(self) -> MotionShapes:
         """In the form of any estimated motion."""
-        return MotionShapes(self.kernels, self.half_width, None, self.doubt, REMEDY, self.others)
+        return MotionShapes(self.kernels, self.half_width, None, self.caveat, REMEDY, self.others)
 
 
 def kernels_of_flat_scene(
@@ -211,14 +211,14 @@ def kernels_of_flat_scene(
     sparse = SparseGradients(z, R)
     searches: list[tuple[SparseFit, FreeKernels]] = []
     # many photographs outweigh the prior of few edges, which alone keeps a common blur out of their kernels: its weight
-    # is scaled with their number, but not where that search ends in doubt
+    # is scaled with their number, but not where that search is doubtful
     factors = dict.fromkeys((len(z) / 2, 1.0))
     step = counted(report, len(factors) * (2 * len(s.starts) + 1))
     for edges in factors:
         searches.append(_searched(sparse, z, edges, s, step))
-        if searches[-1][1].doubt is None:
+        if searches[-1][1].caveat is None:
             break
-    fit, best = min(searches, key=lambda one: (one[1].doubt is not None, one[0].cost))
+    fit, best = min(searches, key=lambda one: (one[1].caveat is not None, one[0].cost))
     share = fit.residual / float(np.mean(sparse.observed**2))
     if share > MOST_LEFT:
         raise Refused(
@@ -251,11 +251,11 @@ def _searched(
     rivals = [fit_ for fit_ in fits[1:] if fit_.cost < fits[0].cost + COST_TOLERANCE and agreement >= MIN_AGREEMENT]
     others = cropped(refined(rivals[0].kernels).kernels) if rivals else None
     residual = float(np.sqrt(fit.residual)) / CONTRAST
-    return fit, FreeKernels(cropped(fit.kernels), residual, agreement, _doubt(fit, agreement), others)
+    return fit, FreeKernels(cropped(fit.kernels), residual, agreement, _caveat(fit, agreement), others)
 
 
-def given_kernels(kernels: Sequence[Array], count: int, doubt: str | None = None) -> MotionShapes:
-    """`count` kernels (K, K) of one sample a pixel from an earlier restoration, and the doubt about them. Raises
+def given_kernels(kernels: Sequence[Array], count: int, caveat: str | None = None) -> MotionShapes:
+    """`count` kernels (K, K) of one sample a pixel from an earlier restoration, and the caveat about them. Raises
     BadParameter for others."""
     sizes = [len(kernel) for kernel in kernels]
     if len(sizes) != count or max(sizes) >= MEASURED:
@@ -266,10 +266,10 @@ def given_kernels(kernels: Sequence[Array], count: int, doubt: str | None = None
         )
     most = max(sizes)
     padded = np.stack([np.pad(kernel / kernel.sum(), (most - len(kernel)) // 2) for kernel in kernels])
-    return MotionShapes(padded, (most - 1) / 2, None, doubt, REMEDY)
+    return MotionShapes(padded, (most - 1) / 2, None, caveat, REMEDY)
 
 
-def _doubt(fit: SparseFit, agreement: float) -> str | None:
+def _caveat(fit: SparseFit, agreement: float) -> str | None:
     rim = np.ones(fit.kernels.shape[1:], bool)
     rim[1:-1, 1:-1] = False
     if fit.kernels[:, rim].sum(axis=1).max() > EDGE_FRACTION:

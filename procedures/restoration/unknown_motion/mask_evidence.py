@@ -38,7 +38,7 @@ FARTHEST = 20.0
 PATIENCE = 4.0
 """A descent is abandoned if this many times its fall in two rounds does not suffice. Of 136 descents of two pairs of
 motions 13 reached below the least cost so far, none of which either rule abandons; they save 40 % of all rounds."""
-DOUBT = 10.0
+UNRELIABLE_TILE = 10.0
 """Mean squared error of a tile, relative to the noise, above which it probably has a depth edge or a wrong depth."""
 DEPTH_KNOWN = np.diag([1e-3, 10.0, 10.0])
 """Prior precision of a tile's depth, its slope and slope across the tile, 1 / pixel^2."""
@@ -139,7 +139,7 @@ def gather(evidence: MaskEvidence, slope: Array, tiles: Iterable[EvidenceTile]) 
         if tile.flat:
             weight, V = 1.0, r[None][:0]
         else:
-            weight, V = 1 / (1 + residuals[-1] / DOUBT) ** 2, _depth_changes(patches, slope, filtering)
+            weight, V = 1 / (1 + residuals[-1] / UNRELIABLE_TILE) ** 2, _depth_changes(patches, slope, filtering)
         AV, inner = A @ V.T, V @ V.T + DEPTH_KNOWN[: len(V), : len(V)]
         solution = np.linalg.solve(inner, np.concatenate([AV.T, (V @ r)[:, None]], axis=1))
         evidence.G += weight * (A @ A.T - AV @ solution[:, :-1])

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from procedures.outcome import Outcome, with_doubt
+from procedures.outcome import Outcome, mark_doubtful
 from procedures.restoration.first_depth.initial_depth import LEAST_SIGMA, matched
 from procedures.restoration.joint.data_term import DataTerm, restore_picture
 from procedures.restoration.joint.depth_edges import Effort
@@ -27,7 +27,7 @@ from procedures.restoration.unknown_motion.basin_hopping import BasinHopping
 from procedures.restoration.unknown_motion.blind import Prototypes, Report, counted
 from procedures.restoration.unknown_motion.cross_relation import Disagreement
 from procedures.restoration.unknown_motion.mask_evidence import (
-    DOUBT,
+    UNRELIABLE_TILE,
     EvidenceTile,
     MaskEvidence,
     filters,
@@ -98,20 +98,20 @@ class MotionShapes:
     """Shapes (P, n, n) on [-1, 1] of the motions, and their half-width in the flat part, pixels.
 
     path : the curves, (2, n, 2) pixels x, y in the flat part; None where the shapes are known to pixels only.
-    doubt : why they are unreliable at other depths, or None; remedy : what to do then. others : kernels of a flat scene
-    from another search, or None.
+    caveat : why they are unreliable at other depths, or None; remedy : what to do then. others : kernels of a flat
+    scene from another search, or None.
     """
 
     shapes: Array
     half_width: float
     path: Array | None = None
-    doubt: str | None = None
+    caveat: str | None = None
     remedy: str = REMEDY
     others: Array | None = None
 
     def judged(self, outcome: Outcome[Any]) -> Outcome[Any]:
         """A restoration with these shapes, doubtful if they are."""
-        return outcome if self.doubt is None else with_doubt(outcome, self.doubt, self.remedy)
+        return outcome if self.caveat is None else mark_doubtful(outcome, self.caveat, self.remedy)
 
 
 @dataclass(frozen=True)
@@ -191,7 +191,7 @@ def motion_of_scene(
 
     photographs : two arrays (C, H, W); prototypes : `blind.prototype_shapes` of the part; known : initial control
     points (2, POINTS, 2), pixels in the flat part, if roughly known. If no path explains the frame better than masks
-    to whole pixels, those are returned, with the doubt.
+    to whole pixels, those are returned, with the caveat.
     """
     if min(region[2:]) < TILE:
         return MotionShapes(
@@ -205,8 +205,8 @@ def motion_of_scene(
             prototypes.shapes, prototypes.half_width, None, "motion is known to whole pixels only: no path fits"
         )
     residual = f"the motion's paths leave {fit.energy:.2f} of the noise unexplained; {USUAL} is typical"
-    doubt = residual if fit.energy > MOST else None
-    return MotionShapes(shapes_of(fit.points), half_width(fit.points), basis() @ fit.points, doubt)
+    caveat = residual if fit.energy > MOST else None
+    return MotionShapes(shapes_of(fit.points), half_width(fit.points), basis() @ fit.points, caveat)
 
 
 def _view(photographs: list[Array], region: Box, half: float, max_w: float, effort: PathEffort) -> _View:
@@ -429,4 +429,4 @@ def _unexplained(view: _View, stacks: list[MaskStack], w: Array, e: Array) -> It
 
 def _energy(errors: list[float]) -> float:
     """Mean of the tiles' mean squares, relative to the noise, with reduced weight of those with a depth edge."""
-    return float(np.mean(DOUBT * np.log1p(np.array(errors) / DOUBT)))
+    return float(np.mean(UNRELIABLE_TILE * np.log1p(np.array(errors) / UNRELIABLE_TILE)))

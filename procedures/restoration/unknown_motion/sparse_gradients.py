@@ -54,12 +54,12 @@ class SparseGradients:
             x = self._picture(x, kernels, (noise / variance).astype(np.float32), iterations)
             uncertain = 1 / ((kernels**2).sum() / noise + 1 / variance)
             variance = x**2 + uncertain
-            doubt = self.share * float(uncertain.sum())
+            uncertainty = self.share * float(uncertain.sum())
             if n >= WARM:
-                kernels = self._kernels(x, kernels, doubt)
+                kernels = self._kernels(x, kernels, uncertainty)
                 kernels = thin(kernels, least) if n % THINNED == 0 else kernels
             squares = float((self._residual(x, kernels) ** 2).sum())
-            noise = (squares + doubt * float((kernels**2).sum())) / samples
+            noise = (squares + uncertainty * float((kernels**2).sum())) / samples
         terms = np.log1p(variance * float((kernels**2).sum()) / noise) + x**2 / variance
         cost = samples * np.log(noise) + squares / noise + float(terms.sum())
         return SparseFit(thin(kernels, least), noise, cost / samples)
@@ -76,13 +76,13 @@ class SparseGradients:
         # denormal numbers of float32 take ten times as long
         return np.where(np.abs(x) < 1e-8, np.float32(0), x)
 
-    def _kernels(self, x: Gradients, kernels: Kernels, doubt: float) -> Kernels:
+    def _kernels(self, x: Gradients, kernels: Kernels, uncertainty: float) -> Kernels:
         X, K = rfft2(x, self.padded), 2 * self.R + 1
         residual = self._spectra_of_frames(self._residual(x, kernels))
         gradient = irfft2((X.conj()[:, None] * residual).sum(axis=0), self.padded)[:, :K, :K]
         correlation = self.share * irfft2((np.abs(X) ** 2).sum(axis=0), self.padded)
         far = np.arange(-2 * self.R, 2 * self.R + 1)
-        return least_squares(kernels, gradient, correlation[np.ix_(far, far)], doubt, 150)
+        return least_squares(kernels, gradient, correlation[np.ix_(far, far)], uncertainty, 150)
 
     def _residual(self, x: Gradients, kernels: Kernels) -> Gradients:
         residual: Gradients = self.observed - self._blurred(rfft2(kernels, self.padded), x)

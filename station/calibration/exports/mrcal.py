@@ -1,9 +1,10 @@
 """mrcal's .cameramodel, with `optimization_inputs`, from which its tools compute the uncertainty of projection.
 
 mrcal adjusts one formula, the poses, and points of a flat regular board with independent errors. The calibration here
-also adjusts the print and may doubt the model. The file therefore holds what an exact board would have shown: the
-projection by the written formula, and the residuals. mrcal takes the noise from their spread; they are multiplied so
-that its uncertainty over the covered frame, in the mean of that at the charts and at infinity, is the stated one.
+also adjusts the print and may include a model discrepancy. The file therefore holds what an exact board would have
+shown: the projection by the written formula, and the residuals. mrcal takes the noise from their spread; they are
+multiplied so that its uncertainty over the covered frame, in the mean of that at the charts and at infinity, is the
+stated one.
 
 Source: Kogan, mrcal documentation, "Camera model files" and "Projection uncertainty".
 """

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from procedures.correction.noise import noise_of
 from procedures.developed import LOSSY, RAW, pillow
-from procedures.outcome import Outcome, with_doubt
+from procedures.outcome import Outcome, mark_doubtful
 from procedures.raw import RawFrame
 from procedures.reading.development import LINEAR, Development
 from procedures.reading.tiff_tags import ICC_PROFILE
@@ -40,9 +40,9 @@ def judged(outcome: Outcome[Restoration], frames: Sequence[RawFrame]) -> Outcome
     gain = max(1.0, outcome.value.diagnostics.noise_gain)
     outcome = replace(outcome, value=outcome.value.with_added_error("development", gain * error))
     if curve := wrong_curve(frames):
-        outcome = with_doubt(outcome, *curve)
+        outcome = mark_doubtful(outcome, *curve)
     unknown = unknown_of(developments)
-    return with_doubt(outcome, *unknown) if unknown else outcome
+    return mark_doubtful(outcome, *unknown) if unknown else outcome
 
 
 def unknown_of(developments: Sequence[Development]) -> tuple[str, str] | None:
@@ -69,7 +69,7 @@ def _words(development: Development) -> str:
 
 
 def wrong_curve(frames: Sequence[RawFrame]) -> tuple[str, str] | None:
-    """Doubt where the noise contradicts the tone curve; block coding replaces the noise by its own."""
+    """Doubtful where the noise contradicts the tone curve; block coding replaces the noise by its own."""
     lossless = [one for one in frames if one.development and not one.development.coding]
     growths = [noise_of(plane).growth for frame in lossless for plane in frame.planes.values()]
     if not growths:

@@ -127,18 +127,19 @@ def read_blur_shape(name: str, plane: str | None, shape: Size | None, samples_pe
 
 
 def read_kernels(paths: Sequence[Path]) -> tuple[tuple[Array, ...], str | None]:
-    """Kernels of one sample a pixel from a restoration's kernel_N.npy or text files, and the doubt in its record."""
+    """Kernels of one sample a pixel from a restoration's kernel_N.npy or text files, and the caveat in its record."""
     kernels = []
     for path in paths:
         kernels.append(_result_array(path, "kernel") if path.suffix.lower() == ".npy" else blur_models.read_shape(path))
-    return tuple(kernels), doubt_of([str(path) for path in paths])
+    return tuple(kernels), caveat_of([str(path) for path in paths])
 
 
-def doubt_of(names: Sequence[str]) -> str | None:
-    """The doubt in the records of the restorations that estimated kernels or shapes; None if there is none."""
+def caveat_of(names: Sequence[str]) -> str | None:
+    """The caveat in the records of the restorations that estimated kernels or shapes; None if there is none."""
     estimated = [path for path in map(Path, names) if _estimated(path)]
-    doubts = (_record_of(path).get("parameters", {}).get("motion", {}).get("doubt") for path in estimated)
-    return next((str(doubt) for doubt in doubts if doubt), None)
+    motions = [_record_of(path).get("parameters", {}).get("motion", {}) for path in estimated]
+    caveats = (motion.get("caveat", motion.get("doubt")) for motion in motions)  # older records have the second key
+    return next((str(caveat) for caveat in caveats if caveat), None)
 
 
 def _result_array(path: Path, what: str) -> Array:

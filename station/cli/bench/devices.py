@@ -80,7 +80,7 @@ def devices(
     wrong = [row for row in rows if row.error is not None]
     for row in rows:
         if (caveat := row.condition.caveat) is not None:
-            log("doubt", f"{row.name}: {caveat.reason}", level="warning", remedy=caveat.remedy)
+            log("caveat", f"{row.name}: {caveat.reason}", level="warning", remedy=caveat.remedy)
     for row in wrong:
         assert row.error is not None
         log("device", f"{row.name}: {row.error.reason}", level="error", remedy=row.error.remedy)
@@ -160,7 +160,7 @@ def entry(row: DeviceRow) -> dict[str, Any]:
         "usable": row.condition.usable and error is None,
         "wrong": error.reason if error else None,
         "remedy": error.remedy if error else row.condition.remedy or None,
-        "doubt": f"{caveat.reason}: {caveat.remedy}" if (caveat := row.condition.caveat) else None,
+        "caveat": f"{caveat.reason}: {caveat.remedy}" if (caveat := row.condition.caveat) else None,
     }
 
 

@@ -9,6 +9,7 @@ import click
 
 from station.cli.terminal.command import PATH, SEED, FiniteNumber
 from station.cli.terminal.inherited import inherited
+from station.common.durable_files import check_writable
 
 if TYPE_CHECKING:
     from station.guide.workspace import StationLab
@@ -52,12 +53,14 @@ def make_lab(
     *, simulate: bool, shaker: bool, config: Path | None, sessions: Path, seed: int, specification: Path | None,
     unit: str | None, speed: float = 1.0,
 ) -> StationLab:  # fmt: skip
-    """Bench and sessions by a command's options. Raises UsageError, and BadParameter for an invalid specification."""
+    """Bench and sessions by a command's options. Raises UsageError, and BadParameter for an invalid specification or an
+    unwritable folder."""
     from station.guide.catalogue import entries
     from station.guide.workspace import StationLab
     from station.results.specification_file import read_specification
 
     check_shaker(simulate=simulate, shaker=shaker)
+    check_writable(sessions)
     if speed != 1.0 and not simulate:
         raise click.UsageError("--speed is for the simulated bench: give --simulate, or leave --speed out")
     if specification is not None:

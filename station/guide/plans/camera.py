@@ -11,7 +11,7 @@ from procedures.field.estimate import NO_SENSORS
 from procedures.geometry.estimate import Geometry
 from procedures.geometry.facts import VIEW
 from procedures.geometry.plan import chart_views
-from procedures.outcome import BadInput, Outcome, Refused, Verdict, with_doubt, worst_of
+from procedures.outcome import BadInput, Outcome, Refused, Verdict, mark_doubtful, worst_of
 from procedures.plan import Facts, Known, Outcomes, Plan, facts_as
 from procedures.raw import RawFrame
 from procedures.sensor.estimate import sensor_model
@@ -109,13 +109,13 @@ def sensor_used(outcomes: Mapping[str, Outcome[SensorFiles]], iso: float | None)
     if whole is not None and None not in (iso, whole.iso) and iso != whole.iso:
         reason = f"the sensor was measured at ISO {whole.iso:g}, the charts were taken at ISO {iso:g}"
         remedy = "take both at one sensitivity, since gain and noise depend on it"
-        return with_doubt(answer, reason, remedy), NO_SENSORS, f"{NOT_USED}: {reason}"
+        return mark_doubtful(answer, reason, remedy), NO_SENSORS, f"{NOT_USED}: {reason}"
     if whole is None:
         return answer, NO_SENSORS, f"{NOT_USED}: it was refused"
     planes = {plane.name: plane for plane in whole.planes}
     reasons = {
-        name: doubt for name, plane in planes.items()
-        if (doubt := plane.outcome.reason if plane.outcome.value is None else plane.outcome.value.doubt)
+        name: caveat for name, plane in planes.items()
+        if (caveat := plane.outcome.reason if plane.outcome.value is None else plane.outcome.value.caveat)
     }  # fmt: skip
     models = {name: sensor_model(one.outcome.result(), one.step) for name, one in planes.items() if name not in reasons}
     uses = [f"{', '.join(models)}: {USED}"] if models else []
@@ -133,7 +133,7 @@ def vignetting_of(frames: Sequence[RawFrame], whole: FieldResult) -> Outcome[Fla
     f_number, charts = frames[0].exposure.f_number, whole.measured.exposures[0].exposure.f_number
     if None in (f_number, charts) or f_number == charts:
         return answer
-    return with_doubt(answer, f"the flats were taken at f/{f_number:g}, the charts at f/{charts:g}",
+    return mark_doubtful(answer, f"the flats were taken at f/{f_number:g}, the charts at f/{charts:g}",
                       "take both at one aperture, since vignetting depends on it")  # fmt: skip
 
 

@@ -68,7 +68,7 @@ class FieldParts:
             "frames": len(measured.frames),
             "failed": measured.failed,
             "misses": [asdict(miss) for miss in measured.misses],
-            "doubtful_nodes": sum(bool(node.doubt) for nodes in measured.nodes.values() for node in nodes),
+            "doubtful_nodes": sum(bool(node.caveat) for nodes in measured.nodes.values() for node in nodes),
             "planes": {name: _plane_entry(one) for name, one in self.fitted.items()},
             "lateral_colour": {colour.plane: _colour_entry(colour) for colour in result.colours},
             **_focus_entry(result),

@@ -95,7 +95,7 @@ def test_planes_with_too_few_nodes_are_refused_by_name():
 def test_a_field_with_many_doubtful_charts_is_doubtful(count, fails):
     result = measured(np.random.default_rng(1), {"one.dng": 0.0}, places=3, planes=("Y",))
     nodes = result.nodes["Y"]
-    nodes[:count] = [replace(node, doubt="its light flickers", remedy="light it evenly") for node in nodes[:count]]
+    nodes[:count] = [replace(node, caveat="its light flickers", remedy="light it evenly") for node in nodes[:count]]
     outcome = conclude(result).planes["Y"]
     assert ("2 of the 9 charts are doubtful, for example: its light flickers" in outcome.reason) == fails
     assert ("light it evenly" in outcome.remedy) == fails

@@ -78,7 +78,7 @@ def test_the_proposed_chart_reduces_the_uncertainty_of_a_depth_as_predicted():
         (view,) = seen(replace(shoot, camera=lens), [stood], one.nodes, np.random.default_rng(3))
         view = replace(view, source="proposed")
         more.append(replace(one, views=(*one.views, view), poses=(*one.poses, stood)))
-    # predicted with noise, chart and doubt of four views
+    # predicted with noise, chart and discrepancy of four views
     assert estimate_rig(more, 5000.0).value.next_view.before == pytest.approx(first.after, rel=0.35)
 
 

@@ -212,7 +212,7 @@ def test_clipped_dark_coarse_and_faint_charts_are_refused(bench, rng):
 
 
 @pytest.mark.slow
-def test_defocus_beyond_use_is_refused_or_doubted(rng: np.random.Generator) -> None:
+def test_defocus_beyond_use_is_refused_or_doubtful(rng: np.random.Generator) -> None:
     blurred = photograph(gaussian_px=2.5)
     refused(changed(blurred, blurred.clean), "energy lies outside its support", parameters=PatternParameters(4, 17))
     # a small chart, where any support may be chosen: a larger one is, and does not do

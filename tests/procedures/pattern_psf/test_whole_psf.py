@@ -56,7 +56,7 @@ def test_numbers_are_those_of_the_whole_psf() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("s", "k"), [(4, 9), (4, 13), (4, 25), (2, 9), (3, 13)])
-def test_what_s_and_k_leave_out_is_doubted_and_never_wrong(s: int, k: int) -> None:
+def test_what_s_and_k_exclude_is_doubtful_and_never_wrong(s: int, k: int) -> None:
     estimate, verdict = found(PatternParameters(s, k))
     errors = [
         (estimate.quality.numbers[name].value - true) / estimate.quality.numbers[name].uncertainty
@@ -95,7 +95,7 @@ def test_the_energy_outside_is_the_optics_own_and_a_known_aperture_narrows_it(rn
 
 
 @pytest.mark.slow
-def test_a_wrong_aperture_and_a_sharpened_picture_are_doubted_and_the_budget_adds_up(rng):
+def test_a_wrong_aperture_and_a_sharpened_picture_are_flagged_and_the_budget_adds_up(rng):
     from procedures.quality import Diffraction
 
     limit = Diffraction(f_number=2.0, pixel_pitch_um=1.62 * 0.55 * 5.6, wavelength_nm=550)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from procedures.outcome import BadInput, BadParameter
+from procedures.raw import read_frame
 from procedures.reading.sensor_dump import EXAMPLE, DumpLayout, has_raw_header
 
 
@@ -16,20 +17,33 @@ def test_layout_reads_as_it_is_written():
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("1920x1080,RGGB,u16le,64", "must have five parts; got '1920x1080,RGGB,u16le,64'"),
-        ("1920,RGGB,u16le,64,1023", "the height of a sensor dump must be a whole number; got ''"),
-        ("-8x6,RGGB,u16le,64,1023", "the width of a sensor dump must be a whole number; got '-8'"),
+        ("1920x1080,RGGB,u16le,64", "must have five or three parts; got '1920x1080,RGGB,u16le,64'"),
+        ("1920,RGGB,u16le,64,1023", "the height of a sensor's samples must be a whole number; got ''"),
+        ("-8x6,RGGB,u16le,64,1023", "the width of a sensor's samples must be a whole number; got '-8'"),
         ("8x1,RGGB,u16le,64,1023", "at least 2 x 2 pixels; got 8 x 1"),
         ("8x6,RGBG,u16le,64,1023", "one of RGGB, BGGR, GRBG, GBRG, Y; got 'RGBG'"),
         ("8x6,RGGB,u12,64,1023", "one of u8, u16le, u16be; got 'u12'"),
-        ("8x6,RGGB,u16le,64.5,1023", "the black of a sensor dump must be a whole number; got '64.5'"),
+        ("8x6,RGGB,u16le,64.5,1023", "the black of a sensor's samples must be a whole number; got '64.5'"),
         ("8x6,RGGB,u16le,1023,1023", "black must be below white.*got 1023 and 1023"),
         ("8x6,RGGB,u8,0,1023", "white at most 255 for u8; got 0 and 1023"),
+        ("RGGB,0,70000", "white at most 65535 for picture"),
     ],
 )
 def test_what_is_no_layout_is_said_with_an_example(text, reason):
     with pytest.raises(BadParameter, match=reason):
         DumpLayout.parse(text)
+
+
+def test_a_mosaic_in_a_grey_picture_is_divided_into_planes_with_the_stated_levels(tmp_path):
+    layout, levels = DumpLayout.parse("rggb,64,1023"), 64 + 20 * np.arange(48).reshape(6, 8)
+    assert str(layout) == "RGGB,64,1023"
+    (tmp_path / "mosaic.pgm").write_bytes(b"P5 8 6 65535\n" + levels.astype(">u2").tobytes())
+    planes = read_frame(tmp_path / "mosaic.pgm", layout=layout).planes
+    assert list(planes) == ["R", "G1", "G2", "B"]
+    assert planes["B"].raw
+    np.testing.assert_allclose(planes["B"].samples, (levels[1::2, 1::2] - 64.0) / (1023 - 64), rtol=1e-6)
+    with pytest.raises(BadInput, match=r"x\.raw is no grey PGM, PNG or TIFF"):
+        layout.read(bytes(96), "x.raw")
 
 
 @pytest.mark.parametrize("more", [-1, 1, 96])

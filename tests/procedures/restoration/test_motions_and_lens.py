@@ -1,4 +1,4 @@
-"""The plan for a lens's blur in addition to recorded motions: questions, doubts, and the blur."""
+"""The plan for a lens's blur in addition to recorded motions: questions, caveats, and the blur."""
 
 from pathlib import Path
 

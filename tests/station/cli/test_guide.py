@@ -79,3 +79,9 @@ def test_a_session_that_began_with_a_shaker_goes_on_with_one(tmp_path, monkeypat
     run("session", "resume", folder, typed="", code=None)
     lines = read_session(folder).contents.lines
     assert ["shaker" in line.data["devices"] for line in lines if line.event == "devices"] == [True, True]
+
+
+def test_a_folder_of_sessions_that_cannot_be_written_is_named_before_the_first_question(tmp_path):
+    (tmp_path / "file").write_text("here first")
+    done = run("--simulate", "--plain", "--sessions", tmp_path / "file" / "below", code=2, says="cannot be written")
+    assert ">>" not in done.output

@@ -28,7 +28,7 @@ def test_region_gives_record_table_and_picture(picture, tmp_path):
     assert plane["mtf50"]["value"] == pytest.approx(0.25, rel=0.002)
     assert plane["mtf50"]["unit"] == "cycles/pixel"
     assert "mtf_at_0.3" in plane
-    assert plane["untold"] == ["no MTF is reported at 9 cycles/pixel: it is beyond the measured range"]
+    assert plane["unavailable"] == ["no MTF is reported at 9 cycles/pixel: it is beyond the measured range"]
     assert plane["angle"]["value"] == pytest.approx(5.5, abs=0.01)
     (edge,) = plane["edges"]
     assert edge["orientation"] == "near-vertical"

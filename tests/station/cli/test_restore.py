@@ -69,7 +69,7 @@ def test_unknown_motion_comes_from_a_flat_part(photographs, tmp_path, monkeypatc
     assert record["parameters"]["motion"]["half_width_px"] > 0
     # the record has a path, or the reason why there is none
     assert record["parameters"]["motion"]["paths_px"] or record["reason"]
-    # its shapes are used again, with their doubt and without the search
+    # its shapes are used again, with their caveat and without the search
     shapes = [tmp_path / "o" / f"shape_{n}.npy" for n in (1, 2)]
     arguments = ["--blur", "motion", "--shape", *shapes, "--scheme", "1x(2+2)", "--max-w", "3"]
     restore(*photographs[0], *arguments, "--depth-total-variation", "--out", tmp_path / "again")

@@ -71,7 +71,7 @@ def test_found_kernels_have_an_uncertain_picture_and_serve_as_shapes(result):
 
 def test_their_doubt_is_inherited(result, tmp_path):
     record = json.loads((result[1] / "result.json").read_text())
-    record["parameters"]["motion"]["doubt"] = "two ways end unlike"
+    record["parameters"]["motion"]["caveat"] = "two ways end unlike"
     (tmp_path / "result.json").write_text(json.dumps(record))
     (tmp_path / "kernel_1.npy").write_bytes((result[1] / "kernel_1.npy").read_bytes())
     assert read_kernels([tmp_path / "kernel_1.npy"])[1] == "two ways end unlike"

@@ -9,8 +9,8 @@ from station.calibration.sensor import SensorFiles, SensorPlane
 from station.guide.plans import camera
 
 FEW = "the ladder has 12 levels; the standard requires 50"
-UNEVEN = Outcome(SimpleNamespace(doubt=""), Verdict.DOUBTFUL, "light differs by 14 % over the sensor")
-SHORT = Outcome(SimpleNamespace(doubt=FEW), Verdict.DOUBTFUL, FEW)
+UNEVEN = Outcome(SimpleNamespace(caveat=""), Verdict.DOUBTFUL, "light differs by 14 % over the sensor")
+SHORT = Outcome(SimpleNamespace(caveat=FEW), Verdict.DOUBTFUL, FEW)
 REFUSED = Outcome(None, Verdict.REFUSED, "light must not change between pictures; it does by 5 %")
 
 

@@ -240,7 +240,7 @@ def test_motors_that_release_are_reported_before_anything_moves(bench, session):
     (trouble,) = events(operator, ProblemEvent)
     assert "the motors let go 25 ms after each move" in trouble.reason
     lines = [line.event for line in read_session(session.folder).contents.lines]
-    assert lines.index("doubted") < lines.index("step_began")
+    assert lines.index("caveat") < lines.index("step_began")
 
 
 def test_an_operator_who_stops_at_a_question_stops_the_run(bench, session):

@@ -63,7 +63,7 @@ def test_limits_and_unusable_photographs_are_read(tmp_path):
         "number": "mtf50", "verdict": "meets", "value": 0.3, "uncertainty": 0.01, "min": 0.2, "max": None,
         "unit": "cycles/pixel", "place": "G1", "words": "it is",
     }  # fmt: skip
-    plane = {"verdict": "pass", "specification": {"verdict": "meets", "limits": [limit]}, "untold": ["gamma"]}
+    plane = {"verdict": "pass", "specification": {"verdict": "meets", "limits": [limit]}, "unavailable": ["gamma"]}
     missed = [{"source": "a.dng", "reason": "dark", "remedy": "light"}, "no entry"]
     result = read_result(written(tmp_path, {**record(G1=plane), "left_out": missed}))
     compared = result.planes[0].specification

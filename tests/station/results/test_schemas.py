@@ -68,7 +68,7 @@ def test_record_follows_its_schema(record, name):
     assert plane["diffraction"]["cutoff_unit"] == "lp/mm"
     assert {"mtf_at_20_horizontal", "mtf_at_30_horizontal"} <= plane.keys()
     # 125 pixels of the plane to a millimetre: 300 lp/mm are 2.4 cycles/pixel, more than s / 2
-    assert plane["untold"] == [
+    assert plane["unavailable"] == [
         "no MTF is reported at 300 lp/mm: a PSF of s = 4 ends at 250 lp/mm; ask for less, or give s = 5 or more"
     ]
     assert record["specification"]["limits"][0]["min"] == 40.0  # a number, not a text

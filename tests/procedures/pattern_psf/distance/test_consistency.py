@@ -68,7 +68,7 @@ def test_nothing_is_named_where_all_is_right_though_the_focus_is_elsewhere(way):
     assert contradiction(TRUE, look(1300.0, laser=True)) is None
 
 
-def test_numbers_that_the_camera_noted_are_not_doubted_and_those_insisted_on_neither():
+def test_numbers_that_the_camera_noted_are_not_flagged_nor_are_those_insisted_on():
     known, now = given("ruler_mm", 0.8, look(1300.0, rail=True)), look(1400.0, rail=True)
     recorded = Exposure(focal_length_mm=24.0, pixel_pitch_um=5.94)
     assert contradiction(known, now, recorded).contradictory == ("chart_width_mm", "ruler_mm")

@@ -62,7 +62,7 @@ def test_half_and_twice_are_named(photographed, factor):
         assert look(frame, factor * true, insisted_typed_f_number=True).good
 
 
-def test_noted_f_numbers_are_not_doubted_and_their_source_is_told(photographed):
+def test_noted_f_numbers_are_not_flagged_and_their_source_is_stated(photographed):
     plane = Plane("G1", np.zeros((4, 4), np.float32), 1e-4, pitch=2)
     true, frame = photographed
     recorded = replace(frame, exposure=replace(frame.exposure, f_number=true))

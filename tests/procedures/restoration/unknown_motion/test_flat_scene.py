@@ -81,7 +81,7 @@ def kernels(blur, findings):
     return found
 
 
-def test_kernels_of_irregular_paths_are_estimated_without_doubt(shaken, kernels):
+def test_kernels_of_irregular_paths_are_estimated_without_caveat(shaken, kernels):
     # wrong ones, even of the right size, have correlations of 0.5 to 0.8
     assert free_kernels.likeness(kernels.kernels, shaken[1]) > 0.9
     assert kernels.kernels.min() >= 0
@@ -96,13 +96,13 @@ def test_kernels_of_irregular_paths_are_estimated_without_doubt(shaken, kernels)
     none = np.zeros_like(kernels.kernels[0])
     none[len(none) // 2, len(none) // 2] = 1
     assert residual(*kernels.kernels) < 0.1 * residual(none, none)
-    assert kernels.doubt is None
+    assert kernels.caveat is None
     assert kernels.shapes.judged(Made(kernels, Verdict.PASS)).verdict is Verdict.PASS
 
 
 def test_motions_and_scenes_that_determine_no_kernels_are_refused_or_doubtful(shaken):
     kernels = kernels_of_flat_scene(shaken[0], 3, QUICK)
-    assert "reaches the end of the search range of 3 pixels" in str(kernels.doubt)
+    assert "reaches the end of the search range of 3 pixels" in str(kernels.caveat)
     judged = kernels.shapes.judged(Made(kernels, Verdict.PASS))
     assert judged.verdict is Verdict.DOUBTFUL
     assert "raise --max-w" in judged.remedy

@@ -56,5 +56,5 @@ def test_doubt_of_a_narrow_part_stands_behind_other_reasons(photographs, prototy
     assert outcome.verdict is Verdict.DOUBTFUL
     assert "narrower" in outcome.reason
     assert "mark a larger" in outcome.remedy
-    motion = path_refinement.MotionShapes(prototypes.shapes, 2.5, None, "doubt")
+    motion = path_refinement.MotionShapes(prototypes.shapes, 2.5, None, "caveat")
     assert motion.judged(Outcome(None, Verdict.REFUSED, "other", "do")).reason == "other"

@@ -5,7 +5,7 @@ import pytest
 
 from procedures.geometry.cameras import simple_camera
 from procedures.geometry.estimate import GeometryParameters, calibrate_geometry
-from procedures.geometry.model_doubt import missing_terms
+from procedures.geometry.model_discrepancy import missing_terms
 from procedures.geometry.uncertainty import projection_uncertainty
 
 from .simulated_views import CELL_MM, Shoot, TrueCamera, fixed_to_charts, take
@@ -47,9 +47,7 @@ def test_the_projection_carries_the_doubt_only_as_far_as_the_data_leave_it(of_pr
 def test_a_lens_without_prism_keeps_its_precision():
     _, _, found = calibrated(NO_PRISM)
     pixels = found.camera.frame_grid(9, 7)[16:-16]
-    noise, stated = (
-        projection_uncertainty(found.adjustment, pixels, 700.0, without_doubt=one) for one in (True, False)
-    )
+    noise, stated = (projection_uncertainty(found.adjustment, pixels, 700.0, noise_only=one) for one in (True, False))
     assert np.sqrt(np.mean(stated**2)) < 1.3 * np.sqrt(np.mean(noise**2))
     pixels = np.array([[0.0, 0.0], [3000.0, 2000.0]])
     counts = {

@@ -1,4 +1,4 @@
-"""Doubt about a camera model: terms of real lenses that its formula does not have.
+"""Discrepancy of a camera model: terms of real lenses that its formula does not have.
 
 Poses and parameters absorb most of a missing term: a thin prism looks like a shifted principal point with all charts
 turned, and the residual shows a tenth of it. Therefore the missing terms of decentring, thin prism and higher radial
@@ -18,7 +18,7 @@ averaging: a tutorial, Stat. Sci. 14, 1999.
 
 import numpy as np
 
-from procedures.geometry.adjustment import Adjustment, ModelDoubt, extra_terms
+from procedures.geometry.adjustment import Adjustment, ModelDiscrepancy, extra_terms
 from procedures.geometry.cameras import SPLINE, CameraModel
 from procedures.numerics.arrays import Array
 
@@ -68,8 +68,8 @@ def _known_orders(names: set[str], kind: str) -> int:
     return 2 if "s0" in names else int("sx1" in names)
 
 
-def find_doubt(fit: Adjustment) -> ModelDoubt | None:
-    """The doubt about the models of an adjustment; None where they have all terms."""
+def find_discrepancy(fit: Adjustment) -> ModelDiscrepancy | None:
+    """The model discrepancy of an adjustment; None where they have all terms."""
     views = fit.problem.views
     of_views = [missing_terms(fit.state.camera.part(view.camera)[0], view.points) for view in views]
     counts = {view.camera: one.shape[-1] for view, one in zip(views, of_views, strict=True)}
@@ -89,4 +89,4 @@ def find_doubt(fit: Adjustment) -> ModelDoubt | None:
     odds = np.exp(np.minimum(gain / 2, LARGEST_EXPONENT)) / np.sqrt(1 + information)
     spread = np.sqrt(odds / (1 + odds) * (gain + 1) / (1 + information))
     loads = directions * spread
-    return ModelDoubt((terms.response @ loads).T, loads.T)
+    return ModelDiscrepancy((terms.response @ loads).T, loads.T)
