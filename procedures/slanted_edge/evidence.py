@@ -33,6 +33,8 @@ MIDTONES, MIN_GAIN = 12, 0.3
 """Exponent of 4 l (1 - l), l the light from 0 to 1, where a filter of local contrast that keeps edges changes from one
 plain to the other: it compresses l = 0.4 to 0.6. Least gain there."""
 MODEL_PX = 0.003  # displacement of an edge, root mean square, that the model's course and bins leave
+DIFFERENCES = 35 / 9
+"""Relative variance of the mean square of n second differences of white noise, times n: 2 for independent ones."""
 SMOOTH_BINS = 13
 """Bins over which the plains' departure from their model is averaged: so many samples that their noise stays white."""
 WINDOWS_PX = (1, 2, 4, 8)  # lengths whose means are compared to see a falling spread function
@@ -108,8 +110,8 @@ def examine(strip: Strip, course: Course, profile: EdgeProfile, mtf: Array, of_m
     if min(dark, bright) > rounding:
         fields = [Variogram.of(plain, side) for side in sides]
         inflation = [field.inflation(variance) for field, variance in zip(fields, (dark, bright), strict=True)]
-        logarithm = math.log(bright / dark)
-        growth = logarithm / math.sqrt(sum(2 / np.count_nonzero(side) for side in sides))
+        logarithm, uncertainty = _growth(plain, sides)
+        growth = logarithm / uncertainty
         levels = np.maximum(profile.light[:2], 1e-3 * profile.contrast)
         if levels[1] > levels[0]:
             exponent = logarithm / math.log(levels[1] / levels[0])
@@ -149,6 +151,15 @@ def _across(picture: Array, d: Array, inside: Mask) -> float:
     sides = [inside & (d * side > GHOST_PX) & (d * side < 3 * GHOST_PX) for side in (1, -1)]
     bright, dark = (float(picture[side].mean()) if side.any() else 0.0 for side in sides)
     return bright - dark
+
+
+def _growth(plain: Array, sides: list[Mask]) -> tuple[float, float]:
+    """Logarithm of the ratio of bright to dark noise variance, with its standard uncertainty, by second differences
+    along the edge: light that varies slowly there, as of another edge nearby, does not change them."""
+    differences = plain[1:-1] - (plain[:-2] + plain[2:]) / 2
+    known = [side[:-2] & side[1:-1] & side[2:] for side in sides]
+    dark, bright = (float(np.mean(differences[side] ** 2)) + 1e-30 if side.any() else 1.0 for side in known)
+    return math.log(bright / dark), math.sqrt(sum(DIFFERENCES / max(int(side.sum()), 1) for side in known))
 
 
 def _noise(plain: Array, d: Array, far: Mask) -> Array:

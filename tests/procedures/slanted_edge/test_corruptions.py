@@ -71,6 +71,12 @@ def test_what_a_program_does_is_flagged_by_name(name: str, rng: np.random.Genera
     assert "RAW" in outcome.remedy
 
 
+def test_light_of_another_edge_on_the_dark_side_is_no_tone_curve(rng: np.random.Generator) -> None:
+    light = edge(CAMERA, rows=120, columns=80, angle_deg=ANGLE)
+    light += 0.01 / (np.arange(120)[:, None] + 8) * (light < 0.5)  # diffracted by the end of the dark area
+    assert measured(light + 0.0005 * rng.standard_normal(light.shape)).verdict is Verdict.PASS
+
+
 @pytest.mark.parametrize("raw", [False, True])
 def test_roughness_and_vibration_are_flagged_and_in_the_uncertainty(raw: bool, rng: np.random.Generator) -> None:
     # every row displaced on its own by 0.2 pixel: MTF falls by exp(-2 (pi f 0.2)^2)
