@@ -307,7 +307,8 @@ def cut_off(psf: Psf) -> float:
     support, less the tail continued inwards and less noise.
 
     Of a lens in focus the tail continues smoothly. Where a broad blur, a halo or a disc of defocus reaches the border,
-    the tail has the wrong shape: up to 0.02 of the OTF at 0.05 cycles/pixel.
+    the tail has the wrong shape: up to 0.02 of the OTF at 0.05 cycles/pixel. Where the steepest part of a Gaussian does,
+    the mean tail is negative and a steeper one positive.
     """
     amplitudes = psf.tail.amplitudes
     if not len(amplitudes):
@@ -321,7 +322,9 @@ def cut_off(psf: Psf) -> float:
     excess = np.concatenate([outer.ravel(), -inwards]) / psf.light
     value = float(excess @ psf.parameters)
     variance = float(excess @ psf.parameter_covariance @ excess)
-    return CUT_OFF * math.sqrt(max(value**2 - variance, 0.0)) if value > 0 else 0.0
+    lacking = -float(amplitudes[0])
+    squares = (value * abs(value) - variance, lacking * abs(lacking) - float(psf.tail.covariance[0, 0]), 0.0)
+    return CUT_OFF * math.sqrt(max(squares))
 
 
 def tail_energy_uncertainty(psf: Psf) -> float:

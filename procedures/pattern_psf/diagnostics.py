@@ -146,7 +146,7 @@ def diagnose(
         truncation=trial.truncation,
         band_edge=trial.band_edge,
         tail_sigmas=_tail_sigmas(fit, psf.s, prior),
-        missing_light=missing_light(narrow),
+        missing_light=max(missing_light(support) for support in (psf, narrow)),
         crushed=light.crushed,
         sharpened_by=fine.value,
         sharpening_uncertainty=fine.uncertainty,

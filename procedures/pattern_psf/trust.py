@@ -30,6 +30,7 @@ MAX_SUPPORT_CUT = 0.15  # share of the PSF's energy outside its support above wh
 MIN_CONTRAST_STEPS = 16  # digital numbers between black and white above which rounding is no worse than noise
 TAIL_SIGMAS = 3.0
 """Standard uncertainties between the fitted far tail and that of the f-number above which one of them is wrong."""
+MAX_UNCERTAINTY = 0.4  # relative uncertainty of the PSF above which it is doubtful; a Gaussian of 2 px has 0.3
 MISSING_LIGHT_SIGMAS = 3.0  # standard uncertainties of missing light above which the picture was sharpened
 MAX_NOISE_DIFFERENCE, NOISE_DIFFERENCE_SIGMAS = 0.1, 4.0
 """Relative difference of the finest noise's variance from the sensor's calibration, and its significance, above which
@@ -168,7 +169,7 @@ def _doubtful_checks(d: Diagnostics, fit: ChartFit) -> list[Check]:
               "raise k, flatten the chart, and keep reflections off it", prior=SYMPTOM),
         Check("support", d.support_cut, MAX_SUPPORT_CUT, doubtful,
               f"about {d.support_cut:.0%} of the PSF's energy lies outside its support", "focus, or raise k"),
-        Check("uncertainty", d.relative_uncertainty, 0.3, doubtful,
+        Check("uncertainty", d.relative_uncertainty, MAX_UNCERTAINTY, doubtful,
               f"the PSF's uncertainty is {d.relative_uncertainty:.0%} of the PSF",
               "expose longer, take more shots, or lower s or k"),
         Check("sampling ratio", max(low / d.s_over_t, d.s_over_t / high), 1.0, doubtful,
