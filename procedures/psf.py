@@ -307,7 +307,7 @@ def cut_off(psf: Psf) -> float:
     support, less the tail continued inwards and less noise.
 
     Of a lens in focus the tail continues smoothly. Where a broad blur, a halo or a disc of defocus reaches the border,
-    the tail has the wrong shape: up to 0.02 of the OTF at 0.05 cycles/pixel. Where the steepest part of a Gaussian does,
+    the tail has the wrong shape: up to 0.02 of the OTF at 0.05 cycles/pixel. Where a Gaussian's flank does,
     the mean tail is negative and a steeper one positive.
     """
     amplitudes = psf.tail.amplitudes
