@@ -167,6 +167,11 @@ class Psf:
         return cls.of(p, covariance, k, s)
 
     @property
+    def relative_uncertainty(self) -> float:
+        """Relative L2 error to expect: the root of the covariance's trace over the norm of the samples."""
+        return float(np.sqrt(np.trace(self.covariance)) / np.linalg.norm(self.h))
+
+    @property
     def k(self) -> int:
         """Number of samples along one side."""
         return int(self.h.shape[0])

@@ -11,7 +11,7 @@ from procedures.corruption.family import threshold
 from procedures.numerics.arrays import Array
 from procedures.outcome import SYMPTOM, Check, Refused, Verdict, verdict_of
 from procedures.pattern import AIM_S_OVER_T, GOOD_S_OVER_T
-from procedures.pattern_psf.diagnostics import Diagnostics, relative_uncertainty, unexplained
+from procedures.pattern_psf.diagnostics import Diagnostics, unexplained
 from procedures.pattern_psf.error_parts import Variation
 from procedures.pattern_psf.radiometry import LightLevels
 from procedures.pattern_psf.refine import ChartFit
@@ -122,7 +122,7 @@ def checks_of(d: Diagnostics, fit: ChartFit, inputs: VerdictInputs) -> list[Chec
 def refusal_checks(fit: ChartFit, psf: Psf, light: LightLevels, corners: Array, *, raw: bool) -> list[Check]:
     """Checks that refuse a normalised PSF; `corners` (12, 2) are the detected marks."""
     refused, left, correlation = Verdict.REFUSED, unexplained(fit), light.noise_correlation
-    uncertainty = relative_uncertainty(psf)
+    uncertainty = psf.relative_uncertainty
     offset_px = float(np.linalg.norm(mark_residuals(fit.registration, corners).mean(axis=0)))
     return [
         *_cell_checks(fit.agreement, left),
