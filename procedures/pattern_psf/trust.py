@@ -30,7 +30,7 @@ MAX_SUPPORT_CUT = 0.15  # share of the PSF's energy outside its support above wh
 MIN_CONTRAST_STEPS = 16  # digital numbers between black and white above which rounding is no worse than noise
 TAIL_SIGMAS = 3.0
 """Standard uncertainties between the fitted far tail and that of the f-number above which one of them is wrong."""
-MAX_UNCERTAINTY = 0.4  # relative uncertainty of the PSF above which it is doubtful; a Gaussian of 2 px has 0.3
+MAX_UNCERTAINTY = 0.5  # relative uncertainty of the PSF above which it is doubtful; Gaussians of 2 px have 0.3 to 0.4
 MISSING_LIGHT_SIGMAS = 3.0  # standard uncertainties of missing light above which the picture was sharpened
 MAX_NOISE_DIFFERENCE, NOISE_DIFFERENCE_SIGMAS = 0.1, 4.0
 """Relative difference of the finest noise's variance from the sensor's calibration, and its significance, above which
