@@ -108,9 +108,9 @@ class StrigWatchdog(BoxDevice):
         with self._lock:
             if self._holding:
                 self._holding = False
-                self._tell(NotHomed(f"the watchdog at {self.address} released the motors: {why}", HOME))
+                self._report(NotHomed(f"the watchdog at {self.address} released the motors: {why}", HOME))
 
-    def _tell(self, error: DeviceError) -> None:
+    def _report(self, error: DeviceError) -> None:
         for stage in self._stages:
             stage.lose_position(error)
 
@@ -127,7 +127,7 @@ class StrigWatchdog(BoxDevice):
             self._keeper.join(END_S)
         with suppress(DeviceError):
             self._box.command("ENABLE 0")
-        self._tell(NotHomed(f"the motors were released by closing the watchdog at {self.address}", HOME))
+        self._report(NotHomed(f"the motors were released by closing the watchdog at {self.address}", HOME))
 
 
 @dataclass(frozen=True, kw_only=True)

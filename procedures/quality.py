@@ -124,7 +124,7 @@ class Diffraction:
     """Diffraction limit of a plane.
 
     pixel_pitch_um : float, pitch of the *plane's* pixels (twice the sensor's for a Bayer plane), in micrometres
-    told_by : str, source of the f-number: `CAMERA`, or `OPERATOR` where the camera recorded none or another
+    stated_by : str, source of the f-number: `CAMERA`, or `OPERATOR` where the camera recorded none or another
     """
 
     f_number: float

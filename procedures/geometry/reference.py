@@ -44,13 +44,13 @@ class SmoothnessTrial:
     """A smoothness that was compared.
 
     roughness_px : float, standard deviation of the third differences of control points
-    left_over : float, mean square residual of points to which it was not fitted, in units of their covariances; inf
+    residual : float, mean square residual of points to which it was not fitted, in units of their covariances; inf
         where the adjustment did not converge
     """
 
     model: str
     roughness_px: float
-    left_over: float
+    residual: float
 
 
 def first_state(problem: AdjustmentProblem, size: tuple[int, int]) -> AdjustmentState:
@@ -88,11 +88,11 @@ def fit_model(
     )
     formula = fit_formula(split_model(coarse)[0], start, problem).state
     trials = _trials(coarse, ROUGHNESS_PX, formula, problem)
-    best = min(trials, key=lambda trial: trial.left_over)
-    if fine and best.left_over < (1 - WORTHWHILE) * trials[0].left_over:  # the lens has structure
+    best = min(trials, key=lambda trial: trial.residual)
+    if fine and best.residual < (1 - WORTHWHILE) * trials[0].residual:  # the lens has structure
         trials += _trials(fine, tuple(share * best.roughness_px for share in FINER), formula, problem)
-        finest = min(trials, key=lambda trial: trial.left_over)
-        best = finest if finest.left_over < (1 - WORTHWHILE) * best.left_over else best
+        finest = min(trials, key=lambda trial: trial.residual)
+        best = finest if finest.residual < (1 - WORTHWHILE) * best.residual else best
     camera = SplineCamera.over(formula.camera, best.model, best.roughness_px)
     fit = adjust(replace(formula, camera=camera), problem)
     return fit, (best, *(trial for trial in trials if trial is not best))
@@ -118,11 +118,11 @@ def _trials(
                 np.concatenate(half.view_residuals(state)) ** 2
                 for state, half in zip(states, reversed(halves), strict=True)
             ]
-            left_over = float(np.mean(np.concatenate(squares)))
+            residual = float(np.mean(np.concatenate(squares)))
         except NotConverged:
-            left_over = float("inf")
-        trials.append(SmoothnessTrial(model, one, left_over))
-        if left_over > min(trial.left_over for trial in trials):
+            residual = float("inf")
+        trials.append(SmoothnessTrial(model, one, residual))
+        if residual > min(trial.residual for trial in trials):
             break
     return trials
 

@@ -28,7 +28,7 @@ from procedures.numbers import (
 )
 from procedures.numerics.arrays import Array, Array32
 from procedures.numerics.kernel_tail import far_light
-from procedures.outcome import BadParameter, Check, Outcome, Refused, checked_type, verdict_of, with_refusal
+from procedures.outcome import BadParameter, Check, Outcome, Quantity, Refused, checked_type, verdict_of, with_refusal
 from procedures.pattern import AIM_S_OVER_T, BLOCK, CELLS, GOOD_S_OVER_T, Chart
 from procedures.pattern_psf.chart_finding.detection import ChartSighting, check_usable, find_chart
 from procedures.pattern_psf.correspondences import Correspondences, correspondences
@@ -167,6 +167,11 @@ class PatternPsf:
 
     __repr__ = summary
     _repr_html_ = html
+
+    @property
+    def numbers(self) -> Mapping[str, Quantity]:
+        """The numbers of `quality`."""
+        return self.quality.numbers
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the MTF; `psf.plot` draws the PSF."""

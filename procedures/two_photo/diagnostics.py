@@ -54,7 +54,7 @@ class PairDiagnostics:
     saturated : larger clipped share of the two photographs
     outliers : share of the common region's samples excluded as outliers
     travelled_px, moved_px : moves of the map from the first homography and in the last iteration, in far pixels
-    left_over, colour, smoothing, streaks, detail, light_turned, missing_light, beyond_light : float
+    coarse_residual, colour, smoothing, streaks, detail, light_turned, missing_light, beyond_light : float
         See `pair_consistency.PairConsistency`.
     softness_x, softness_y, sharpening, turned, wall_power : see `pair_consistency.NearSpectrum`
     near_noise : float
@@ -89,7 +89,7 @@ class PairDiagnostics:
     outliers: float
     travelled_px: float
     moved_px: float
-    left_over: float
+    coarse_residual: float
     colour: float
     smoothing: float
     streaks: float

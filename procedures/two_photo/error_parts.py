@@ -49,7 +49,7 @@ def likely_errors(consistency: PairConsistency, recovered: Recovered, psf: Psf, 
     onset = 1 - np.exp(-((np.hypot(fx, fy) / GAIN_BAND) ** 2))
     focus, sharpening = near_errors(consistency.near, J, fx, fy)
     relative = {
-        "mismatch": COHERENT * consistency.left_over * onset,
+        "mismatch": COHERENT * consistency.coarse_residual * onset,
         "light": LIGHT_GROWTH * consistency.light_turned * onset,
         "focus": focus,
         "sharpening": sharpening,

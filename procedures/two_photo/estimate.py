@@ -30,7 +30,7 @@ from procedures.numbers import GAIN, MTF50_HORIZONTAL, NOISE, PROBABILITY, RESID
 from procedures.numerics.arrays import Array, Array32
 from procedures.numerics.normal_equations import cholesky_solve, solve_constrained
 from procedures.numerics.warps import CubicWarp
-from procedures.outcome import SYMPTOM, Check, Outcome, Refused, Verdict, verdict_of
+from procedures.outcome import SYMPTOM, Check, Outcome, Quantity, Refused, Verdict, verdict_of
 from procedures.psf import Psf, Sampling
 from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
 from procedures.raw import Plane, PlaneLike, as_plane
@@ -97,6 +97,11 @@ class TwoPhotoPsf:
 
     __repr__ = summary
     _repr_html_ = html
+
+    @property
+    def numbers(self) -> Mapping[str, Quantity]:
+        """The numbers of `quality`."""
+        return self.quality.numbers
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the MTF; `psf.plot` draws the PSF."""

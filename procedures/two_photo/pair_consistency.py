@@ -72,7 +72,7 @@ class NearSpectrum:
 class PairConsistency:
     """Consistency of both photographs.
 
-    left_over : amplitude of the residual at coarse detail without noise, over that of the wall there
+    coarse_residual : amplitude of the residual at coarse detail without noise, over that of the wall there
     colour : power of the residual at coarse detail over that at fine detail: 1 for noise, within its scatter
     smoothing : the same at middle detail over the finest: a smoothed far photograph has less fine noise, while another
         light or response leaves a coarse residual
@@ -85,7 +85,7 @@ class PairConsistency:
     beyond_light : largest excess of 1 - H(2f) over 4 (1 - H(f)) beyond three standard uncertainties; 0 without one
     """
 
-    left_over: float
+    coarse_residual: float
     colour: float
     smoothing: float
     streaks: float
@@ -98,14 +98,14 @@ class PairConsistency:
 
 def pair_consistency(fit: PairFit, psf: Psf, near: Array32) -> PairConsistency:
     """Consistency of the photographs, by the final fit and the unconstrained PSF."""
-    left_over, colour, smoothing, streaks = residual_spectrum(fit)
+    coarse_residual, colour, smoothing, streaks = residual_spectrum(fit)
     spectrum = near_spectrum(fit.common_part(near), psf)
     light = light_turned(psf), missing_light(psf), beyond_light(psf)
-    return PairConsistency(left_over, colour, smoothing, streaks, residual_at_detail(fit), spectrum, *light)
+    return PairConsistency(coarse_residual, colour, smoothing, streaks, residual_at_detail(fit), spectrum, *light)
 
 
 def residual_spectrum(fit: PairFit) -> tuple[float, float, float, float]:
-    """`left_over`, `colour`, `smoothing` and `streaks` of `PairConsistency`."""
+    """`coarse_residual`, `colour`, `smoothing` and `streaks` of `PairConsistency`."""
     residual, prediction = fit.as_image(fit.residual, 0.0), fit.as_image(fit.prediction, fit.prediction.mean())
     rows, columns = (min(n, FAR_PATCH) for n in fit.near.shape)
     noise, patches = patch_spectra(residual.astype(np.float32), rows, columns)

@@ -141,9 +141,9 @@ def _light_checks(d: PairDiagnostics, raw: bool) -> list[Check]:
               "elsewhere, or the lens spreads much light in one direction (a corner, strong astigmatism)",
               "take both in the same light, one soon after the other, or choose a wall that is painted, not rough; in "
               "the middle of the frame light is the only cause"),
-        Check("coarse detail", d.left_over, COARSE_SHARE, doubtful,
-              f"{d.left_over:.0%} of the wall's coarse detail is not the same in both photographs: another light, or a "
-              "response that is not linear",
+        Check("coarse detail", d.coarse_residual, COARSE_SHARE, doubtful,
+              f"{d.coarse_residual:.0%} of the wall's coarse detail is not the same in both photographs: another "
+              "light, or a response that is not linear",
               f"take both in the same steady light, with the same exposure{_as_raw(raw)}"),
     ]  # fmt: skip
 

@@ -9,6 +9,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Protocol
@@ -113,24 +114,19 @@ class VirtualClock:
 
     def together(self, *works: Callable[[], object]) -> list[object]:
         """Run these in threads that share the time; returns what each returned or raised."""
-        outcomes: list[object] = [None] * len(works)
 
-        def run(i: int) -> None:
+        def run(work: Callable[[], object]) -> object:
             self._own.enrolled = True
             try:
-                outcomes[i] = works[i]()
+                return work()
             except Exception as error:  # returned like a result
-                outcomes[i] = error
+                return error
             finally:
                 self._count(-1)
 
         self._count(len(works))
-        threads = [threading.Thread(target=run, args=(i,)) for i in range(len(works))]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-        return outcomes
+        with ThreadPoolExecutor(len(works)) as threads:
+            return list(threads.map(run, works))
 
     def stand_in(self) -> None:
         """This thread works for a thread of `together` that waits for it outside this clock: time may pass for both."""

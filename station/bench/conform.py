@@ -4,8 +4,8 @@ A driver is tried at its twin, where the truth is known and the line fails on re
 Time at a twin is virtual, so hundreds of operations take seconds.
 """
 
-import threading
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -104,20 +104,9 @@ class StageRig:
         """Results or exceptions of calls that run simultaneously."""
         if isinstance(self.clock, VirtualClock):
             return self.clock.together(*works)
-        outcomes: list[object] = [None] * len(works)
-
-        def run(i: int) -> None:
-            try:
-                outcomes[i] = works[i]()
-            except Exception as error:
-                outcomes[i] = error
-
-        threads = [threading.Thread(target=run, args=(i,)) for i in range(len(works))]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-        return outcomes
+        with ThreadPoolExecutor(len(works)) as threads:
+            ended = [threads.submit(work) for work in works]
+        return [one.exception() or one.result() for one in ended]
 
     def interrupted(self, end: Callable[[], None], after_s: float) -> tuple[list[object], float]:
         """A move of each axis to its farther end, ended after a while: outcomes, and seconds from the end to rest."""

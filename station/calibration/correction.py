@@ -221,13 +221,13 @@ def _photographs(corrected: Corrected, value: Correction) -> dict[str, Any]:
         return {}
     return {
         "scale": value.scale,
-        "detail_told": value.resolved,
+        "detail_resolved": value.resolved,
         "further_photographs": [
             {
                 "path": str(frame.path),
                 "moved_px": place.moved_px(value.sensor_shape).tolist(),
                 "light": place.light,
-                "left_over": place.residual,
+                "residual": place.residual,
                 "set_aside": place.reason,
             }
             for frame, place in zip(corrected.others, value.places, strict=True)

@@ -49,10 +49,10 @@ def reporting_errors() -> Iterator[None]:
     except Exception as error:
         if os.environ.get(TRACEBACK):
             raise
-        raise click.exceptions.Exit(_tell(error)) from error
+        raise click.exceptions.Exit(_report(error)) from error
 
 
-def _tell(error: Exception) -> int:
+def _report(error: Exception) -> int:
     if isinstance(error, ExplainedError):
         log("failed", error.reason, level="error", remedy=error.remedy, exit_code=error.exit_code)
         return error.exit_code

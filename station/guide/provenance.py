@@ -46,7 +46,7 @@ class Provenance:
 
     def record(self) -> dict[str, Any]:
         """Its entry in a record."""
-        return {"value": self.value, "unit": self.unit, "told_by": self.source, "held_against": self.evidence}
+        return {"value": self.value, "unit": self.unit, "source": self.source, "evidence": self.evidence}
 
     def __str__(self) -> str:
         given = f"{self.value:g} {self.unit}".rstrip()

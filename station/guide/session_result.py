@@ -169,7 +169,7 @@ def _head(
     return RecordHead(
         plan.name,
         files,
-        {**state.facts, **({"whose_word": provenance} if provenance else {})},
+        {**state.facts, **({"provenance": provenance} if provenance else {})},
         specification,
         environment=environment_of(shot.snapshot for shot in state.counting()),
     )

@@ -265,11 +265,15 @@ class Procedure(ABC, Generic[S]):
         """Whether a photograph of the guided plan counts, and the pose to match; the settings are those given."""
         return Advice(True, "The photograph has been read.")
 
-    @abstractmethod
     def measure(
         self, paths: Sequence[Path], settings: S, terms: Terms = USUAL, progress: Progress = silent
     ) -> Measurement:
-        """Measure the files. Raises ProcedureError if no plane can be given a verdict."""
+        """Measure the files, in the terms. Raises ProcedureError if no plane can be given a verdict."""
+        return self.measured(paths, settings, progress).compared(terms)
+
+    def measured(self, paths: Sequence[Path], settings: S, progress: Progress) -> Measurement:
+        """Measure the files, where the estimate does not depend on the terms; otherwise `measure` is overridden."""
+        raise NotImplementedError
 
     def places(self, paths: Sequence[Path]) -> list[str]:
         """Result folders below --out, one per measurement."""
@@ -327,9 +331,7 @@ class PhotographProcedure(Procedure[S]):
     def run(self, frames: Sequence[RawFrame], settings: S) -> Mapping[str, Outcome[Any]]:
         """The outcome by plane. Its value has `numbers`, and optionally `curves` and `arrays`."""
 
-    def measure(
-        self, paths: Sequence[Path], settings: S, terms: Terms = USUAL, progress: Progress = silent
-    ) -> Measurement:
+    def measured(self, paths: Sequence[Path], settings: S, progress: Progress) -> Measurement:
         reading = settings if isinstance(settings, PlaneSettings) else PlaneSettings()
         frames = []
         for path in paths:
@@ -338,7 +340,7 @@ class PhotographProcedure(Procedure[S]):
         outcomes = self.run(frames, settings)
         planes = tuple(plane_result(name, outcome) for name, outcome in outcomes.items())
         head = RecordHead(self.name, files_read(frames), to_record(settings))
-        return Measurement(self.schema, head, planes, exposure=frames[0].exposure).compared(terms)
+        return Measurement(self.schema, head, planes, exposure=frames[0].exposure)
 
 
 def plane_result(name: str, outcome: Outcome[Any], details: Mapping[str, Any] | None = None) -> PlaneResult:

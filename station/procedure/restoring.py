@@ -50,21 +50,18 @@ from station.calibration.restoration.inputs import (
     read_kernels,
     read_poses,
 )
-from station.common.progress import Progress, silent
+from station.common.progress import Progress
 from station.common.sanitise import encodable
 from station.procedure.restore_settings import RestoreSettings
 from station.reports.restoration_files import Restored, restoration_measurement
 from station.results.measurement import Measurement
 from station.results.record_head import RecordHead, files_read
-from station.results.terms import USUAL, Terms
 
 MIN_DETERMINED = 0.3
 """Smallest fraction of the frame with a distance: there is none at depth edges, and where there is no texture."""
 
 
-def restored(
-    name: str, paths: Sequence[Path], settings: RestoreSettings, terms: Terms = USUAL, progress: Progress = silent
-) -> Measurement:
+def restored(name: str, paths: Sequence[Path], settings: RestoreSettings, progress: Progress) -> Measurement:
     """Picture and depth of the photographs."""
     settings = settings.of(paths)
     settings.check_for(len(paths))
@@ -104,7 +101,7 @@ def restored(
     measurement = restoration_measurement("+".join(frames[0].planes), whole, head)
     picture = None if outcome.value is None else outcome.value.sharp
     files = {**measurement.files, **developed.picture_file(frames[0], picture, words="restored picture")}
-    return replace(measurement, files=files, exposure=frames[0].exposure).compared(terms)
+    return replace(measurement, files=files, exposure=frames[0].exposure)
 
 
 def _encoding(frames: Sequence[RawFrame]) -> dict[str, Any]:

@@ -170,7 +170,7 @@ def _formulas(geometry: Geometry) -> list[Figure]:
          f"{one.share:.0%}"]
         for one in geometry.formulas
     ]  # fmt: skip
-    trials = [[trial.model, f"{trial.roughness_px:.3g}", f"{trial.left_over:.5g}"] for trial in geometry.trials]
+    trials = [[trial.model, f"{trial.roughness_px:.3g}", f"{trial.residual:.5g}"] for trial in geometry.trials]
     return [
         Figure(
             Table(rows, ["formula", "parameters", "loss, pixel rms", "largest", "of the covered frame"], style="plain"),

@@ -1,3 +1,6 @@
+import json
+
+import exifread
 import pytest
 
 from drivers.shutter import StrigParser, StrigShutter
@@ -7,6 +10,13 @@ from simulators.bench.bench import Setup, SimulatedBench
 
 def frame(opening) -> bytes:
     return b"RAW" * 1000 + repr(opening).encode() + b"END"
+
+
+def comment_of(path):
+    """The notes of a driver in a DNG, besides the tags."""
+    with path.open("rb") as file:
+        noted = exifread.process_file(file, details=True)["EXIF UserComment"].values
+    return json.loads(noted if isinstance(noted, str) else bytes(noted).removeprefix(b"ASCII\0\0\0"))
 
 
 @pytest.fixture

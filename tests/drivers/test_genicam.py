@@ -1,13 +1,12 @@
 """GenicamCamera through the real Aravis, at its fake GigE Vision camera: another process, over the loopback network."""
 
-import json
 import threading
 
-import exifread
 import numpy as np
 import pytest
 
 from ..aravis_fake import IGNORED, fake_camera, require_aravis
+from .conftest import comment_of
 
 require_aravis(module=True)
 
@@ -46,12 +45,6 @@ def small(camera, columns=64, rows=48):
     camera._stop()
     camera._camera.set_region(0, 0, columns, rows)
     return camera
-
-
-def comment_of(path):
-    with path.open("rb") as file:
-        reported = exifread.process_file(file, details=True)["EXIF UserComment"].values
-    return json.loads(reported if isinstance(reported, str) else bytes(reported).removeprefix(b"ASCII\0\0\0"))
 
 
 def test_it_says_who_it_is_and_connects_again(make):

@@ -62,11 +62,6 @@ def camera(body, tmp_path):
     camera.close()
 
 
-def test_it_says_who_it_is(camera):
-    assert camera.connect().model == "Directory Browse"
-    assert camera.condition().usable
-
-
 def test_it_lists_raw_files_only(camera, body):
     (body / "notes.txt").write_text("no photograph")
     assert camera.files() == [BodyFile("/", "DSC_0000.NEF")]

@@ -9,7 +9,6 @@ import pytest
 from drivers.dng import DngFolder, OpticsMetadata
 from drivers.errors import (
     BadConfiguration,
-    DeviceError,
     EmergencyStopped,
     FrameWrong,
     LineLost,
@@ -82,25 +81,6 @@ def homed(stage):
 def slow(truth):
     """The table moves so slowly that no test waits until it has arrived."""
     truth.setProperty("Table", "Velocity", 0.001)
-
-
-def in_mid_move(stage, action):
-    """What a slow move of 0.15 mm ends with, if this is done while it is under way."""
-    ended = []
-
-    def move():
-        try:
-            stage.move_to(x_mm=0.15)
-        except DeviceError as error:
-            ended.append(error)
-
-    mover = threading.Thread(target=move)
-    mover.start()
-    while stage.position()["x_mm"] < 2 * STEP_MM:
-        time.sleep(0.005)
-    action()
-    mover.join(PATIENCE_S)
-    return ended[0] if ended else None
 
 
 def test_it_says_who_it_is_and_does_not_move_before_homing(core):
@@ -186,19 +166,6 @@ def test_a_device_that_refuses_its_order_stops_those_that_are_on_their_way(homed
         homed.move_to(x_mm=0.15, z_mm=0.1)
     assert not truth.deviceBusy("Table")
     assert homed.position()["x_mm"] < 0.14
-
-
-def test_an_emergency_stop_ends_a_move_and_holds_until_homed(homed, truth, slow):
-    ended = in_mid_move(homed, homed.emergency_stop)
-    assert isinstance(ended, EmergencyStopped)
-    assert not truth.deviceBusy("Table")
-    there = truth.getXPosition("Table")
-    assert there < 140
-    with pytest.raises(EmergencyStopped, match="then home"):
-        homed.move_to(x_mm=0.0)
-    assert truth.getXPosition("Table") == there
-    homed.home()
-    homed.move_to(x_mm=0.0)
 
 
 def test_an_order_that_an_emergency_stop_overtook_is_taken_back(homed, truth):

@@ -2,7 +2,6 @@
 
 import ctypes
 import io
-import json
 import shutil
 import subprocess
 import sys
@@ -10,7 +9,6 @@ import threading
 from pathlib import Path
 from types import SimpleNamespace
 
-import exifread
 import numpy as np
 import pytest
 
@@ -22,6 +20,7 @@ from drivers.v4l2.camera import FORMATS, V4l2Camera, V4l2Settings, four_characte
 from procedures.raw import read_frame
 from simulators.world.clock import VirtualClock
 from station.bench.opening import inspect_raw, make_bench, read_config
+from tests.drivers.conftest import comment_of
 from tests.drivers.v4l2_twin import (
     EXPOSURE_MODE,
     EXPOSURE_TIME,
@@ -48,12 +47,6 @@ def make(tmp_path):
     yield camera
     for one in made:
         one.close()
-
-
-def comment_of(path):
-    with path.open("rb") as file:
-        reported = exifread.process_file(file, details=True)["EXIF UserComment"].values
-    return json.loads(reported if isinstance(reported, str) else bytes(reported).removeprefix(b"ASCII\0\0\0"))
 
 
 def numbers_of(path):

@@ -1,6 +1,7 @@
 """A program that is ended while it moves stops first; the benchmark of that name does it 200 times each way."""
 
 import os
+import random
 import signal
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import pytest
 from simulators.bench.bench import Setup, SimulatedBench
 from station.bench.opening import simulated_tables
 from station.common.toml_text import toml_text
+from tests.benchmarks import stops
 
 ROOT = Path(__file__).resolve().parents[2]
 PATIENCE_S = 180.0
@@ -31,7 +33,10 @@ def bench(tmp_path):
     bench.close()
 
 
-@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT"])
+# each of them within this process: tests/station/bench/test_opening.py
+@pytest.mark.parametrize(
+    "number", ["SIGINT", "SIGHUP", *(pytest.param(one, marks=pytest.mark.nightly) for one in ("SIGTERM", "SIGQUIT"))]
+)
 def test_a_signal_during_homing_stops_and_says_so(bench, tmp_path, number, start_program, read_until):
     words = ["--plain", "--config", tmp_path / "station.toml", "--sessions", tmp_path / "kept"]
     program = start_program(
@@ -55,17 +60,11 @@ def test_a_signal_during_homing_stops_and_says_so(bench, tmp_path, number, start
 
 @pytest.mark.parametrize(
     ("way", "place"),
-    [("exception", "clogged"), ("INT", "gone"), ("F12", "move"), ("Ctrl-C", "homing"), ("Ctrl-C", "move"),
-     ("app INT", "move"), ("app TSTP", "move")],
+    [("exception", "clogged"), ("INT", "gone"), ("F12", "move"), ("Ctrl-C", "move"), ("app TSTP", "move"),
+     pytest.param("Ctrl-C", "homing", marks=pytest.mark.nightly),
+     pytest.param("app INT", "move", marks=pytest.mark.nightly)],
 )  # fmt: skip
 def test_the_stop_is_on_the_wires_and_nothing_follows_it(way, place):
-    sys.path.insert(0, str(ROOT / "tests" / "benchmarks"))
-    try:
-        import random
-
-        import stops
-    finally:
-        sys.path.pop(0)
     count = stops.measured(way, place, 1, random.Random(1))
     assert not count.missing
     assert len(count.ms) == 1

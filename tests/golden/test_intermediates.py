@@ -302,10 +302,10 @@ def judged(made: Callable[[], Any]) -> Any:
 JUDGES = ("pattern_psf.estimate", "pattern_psf.combine", "pattern_psf.trust", "two_photo.estimate", "geometry.estimate",
           "slanted_edge.estimate")  # fmt: skip
 MADE: tuple[Callable[[], Any], ...] = (
-    charts, lattices, shots, spoilt, sweeps, gammas, wide_bundle, cameras, views_checked, walls, noises,
-    damaged_charts, damaged_walls, damaged_edges,
+    charts, lattices, shots, spoilt, sweeps, gammas, wide_bundle, cameras, views_checked, walls, noises, damaged_walls,
+    damaged_edges,
 )  # fmt: skip
-LONG: tuple[Callable[[], Any], ...] = (calibrations, chart_views, fields)
+LONG: tuple[Callable[[], Any], ...] = (calibrations, chart_views, fields, damaged_charts)
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """All that guided plans ask, say and decide, for a few benches and photographs: `--freeze` writes it anew."""
 
+import pickle
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -8,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from procedures import Chart, ProcedureError
+from procedures import Chart, ProcedureError, estimate_psf
 from procedures.field.plan import BEFORE
 from procedures.plan import Ask, Estimate, Facts, Give, Go, Known, Look, Plan, Scan, SetLight, Shoot, Show, Tour
 from procedures.raw import Plane, RawFrame, read_frame
@@ -97,6 +98,21 @@ MADE: dict[str, Callable[[Path], tuple[list[Facts], Frames]]] = {
 }  # fmt: skip
 
 
+@pytest.fixture
+def estimated_once(monkeypatch):
+    """Equal planes with equal parameters have one estimate."""
+    known: dict[bytes, Any] = {}
+
+    def remembered(*given: Any) -> Any:
+        key = pickle.dumps(given)
+        if key not in known:
+            known[key] = estimate_psf(*given)
+        return known[key]
+
+    for module in ("pattern_psf.plan", "pattern_psf.checks", "pattern_psf.focus.sharpness", "field.plan"):
+        monkeypatch.setattr(f"procedures.{module}.estimate_psf", remembered)
+
+
 def got(function: Callable[..., Any], *given: Any) -> Any:
     """A result, or the sentence of a refusal."""
     try:
@@ -153,7 +169,7 @@ def walked(plan: Plan, facts: Facts, frames: Frames) -> dict[str, Any]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MADE)
-def test_plans_ask_and_decide_as_they_did(name, tmp_path, request):
+def test_plans_ask_and_decide_as_they_did(name, tmp_path, request, estimated_once):
     every, frames = MADE[name](tmp_path)
     frames["empty"] = replace(
         frames[next(iter(frames))], planes={"Y": Plane("Y", np.full((90, 90), 0.3, np.float32), 1e-4)}

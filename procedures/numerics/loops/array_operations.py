@@ -194,7 +194,7 @@ def fill_convolution(
 ) -> None:
     """The first k^2 columns of `sample_convolution`."""
     reversed_windows = _windows(raster, rows, columns, s, k)[:, ::-1, ::-1]
-    A[:, : k * k] = weight[:, None] * reversed_windows.reshape(len(rows), -1)
+    A[:, : k * k] = weight[:, None] * reversed_windows.reshape(len(rows), k * k)
 
 
 def convolve_at(raster: Array32, rows: Indices, columns: Indices, h: Array32, s: int) -> Array32:

@@ -6,12 +6,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from station.common.progress import Progress, silent
+from station.common.progress import Progress
 from station.procedure.base import Encoding, Inputs, Procedure, RawLayout, read_picture, setting, to_record
 from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
 from station.results.record_head import RecordHead, files_read
-from station.results.terms import USUAL, Terms
 
 if TYPE_CHECKING:
     from procedures.correction.estimate import CorrectionParameters
@@ -93,9 +92,7 @@ class Correct(Procedure[CorrectSettings]):
     def files(self, paths: Sequence[Path], settings: CorrectSettings) -> list[Path]:
         return [_field(paths, settings)]
 
-    def measure(
-        self, paths: Sequence[Path], settings: CorrectSettings, terms: Terms = USUAL, progress: Progress = silent
-    ) -> Measurement:
+    def measured(self, paths: Sequence[Path], settings: CorrectSettings, progress: Progress) -> Measurement:
         from procedures.correction.deconvolve import Splitting
         from station.calibration.correction import (
             TypedAperture,
@@ -128,7 +125,7 @@ class Correct(Procedure[CorrectSettings]):
             self.schema, head, (plane,), entries=correction_entries(results), results_key=self.results_key,
             files=correction_files(results), exposure=results.frame.exposure,
             result=results,
-        ).compared(terms)  # fmt: skip
+        )  # fmt: skip
 
     def lines(self, measurement: Measurement) -> list[str]:
         whole: Corrected = measurement.result

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 from procedures.outcome import BadParameter
 from procedures.pattern import BLOCK, BLOCKS
-from station.common.progress import Progress, silent
+from station.common.progress import Progress
 from station.procedure.base import ChartSettings, Inputs, Procedure, setting
 from station.results.measurement import Measurement
 from station.results.record_head import RecordHead, files_read
-from station.results.terms import USUAL, Terms
 
 if TYPE_CHECKING:
     from procedures.geometry.estimate import GeometryParameters
@@ -97,9 +96,7 @@ class CameraGeometry(Procedure[GeometrySettings]):
     drawn_by = "geometry_page:geometry_page"
     method = "bundle adjustment of camera, poses and chart, each point weighted by its covariance"
 
-    def measure(
-        self, paths: Sequence[Path], settings: GeometrySettings, terms: Terms = USUAL, progress: Progress = silent
-    ) -> Measurement:
+    def measured(self, paths: Sequence[Path], settings: GeometrySettings, progress: Progress) -> Measurement:
         from station.calibration.geometry import conclude, measure_views
         from station.calibration.geometry_files import geometry_measurement
 
@@ -114,7 +111,7 @@ class CameraGeometry(Procedure[GeometrySettings]):
         read = [record for record in shoots[0].records if record.sha256]
         head = RecordHead(self.name, files_read(read), given)
         planes = conclude(shoots, parameters, settings.frame_rate_hz)
-        return geometry_measurement(planes, head, settings.chart_scale).compared(terms)
+        return geometry_measurement(planes, head, settings.chart_scale)
 
     def lines(self, measurement: Measurement) -> list[str]:
         """Which camera model each plane has, from how many views, and which shutter."""

@@ -18,14 +18,13 @@ from procedures.restoration.masks.thin_lens import CameraSetting
 from procedures.restoration.metres import BEHIND
 from procedures.restoration.refocus import refocus
 from station.common.durable_files import sha256_of
-from station.common.progress import Progress, silent
+from station.common.progress import Progress
 from station.common.sanitise import printable
 from station.drawing.pictures import described_tiff, display_png, encoded, float_tiff
 from station.procedure.base import Inputs, Procedure, Settings, plane_result, setting, to_record
 from station.results.measurement import Measurement
 from station.results.reader import read_record
 from station.results.record_head import InputFile, RecordHead
-from station.results.terms import USUAL, Terms
 
 if TYPE_CHECKING:
     from station.reports.page import Scripted
@@ -70,9 +69,7 @@ class Refocus(Procedure[RefocusSettings]):
     suffixes = frozenset(("result.json",))
     method = "mean of the views from the points of the aperture, by Gaussian optics"
 
-    def measure(
-        self, paths: Sequence[Path], settings: RefocusSettings, terms: Terms = USUAL, progress: Progress = silent
-    ) -> Measurement:
+    def measured(self, paths: Sequence[Path], settings: RefocusSettings, progress: Progress) -> Measurement:
         """The refocused picture and the limits of its depth of field."""
         folder = paths[0].parent if paths[0].is_file() else paths[0]
         sharp, metres, taken = _restored(folder)
@@ -86,7 +83,7 @@ class Refocus(Procedure[RefocusSettings]):
         planes = (plane_result("picture", Outcome(result)),)
         files = {"refocused.tiff": described_tiff(float_tiff(image), DESCRIPTION), "refocused.png": display_png(image)}
         head = RecordHead(self.name, inputs, to_record(settings))
-        return Measurement(self.schema, head, planes, files=files, result=(sharp, metres, result)).compared(terms)
+        return Measurement(self.schema, head, planes, files=files, result=(sharp, metres, result))
 
     def page(self, measurement: Measurement) -> bytes:
         """The restored and the refocused picture, and where it is sharp."""

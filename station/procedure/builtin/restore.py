@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from station.common.progress import Progress, silent
+from station.common.progress import Progress
 from station.procedure.base import Inputs, Procedure
 from station.procedure.restore_settings import RestoreSettings
 from station.results.measurement import RESTORATION, Measurement
-from station.results.terms import USUAL, Terms
 
 if TYPE_CHECKING:
     from procedures.restoration.joint.result import Restoration
@@ -37,12 +36,10 @@ class Restore(Procedure[RestoreSettings]):
     def files(self, paths: Sequence[Path], settings: RestoreSettings) -> list[Path]:
         return settings.of(paths).files
 
-    def measure(
-        self, paths: Sequence[Path], settings: RestoreSettings, terms: Terms = USUAL, progress: Progress = silent
-    ) -> Measurement:
+    def measured(self, paths: Sequence[Path], settings: RestoreSettings, progress: Progress) -> Measurement:
         from station.procedure.restoring import restored  # here: mathematics, slow to load
 
-        return restored(self.name, paths, settings, terms, progress)
+        return restored(self.name, paths, settings, progress)
 
     def lines(self, measurement: Measurement) -> list[str]:
         restoration: Restoration | None = measurement.result and measurement.result.outcome.value

@@ -9,12 +9,11 @@ from procedures.geometry.rig import CONVENTION, RigPoses, estimate_rig
 from procedures.numbers import BASELINE
 from procedures.outcome import BadInput, BadParameter
 from station.calibration.stored_cameras import read_rig_camera
-from station.common.progress import Progress, silent
+from station.common.progress import Progress
 from station.procedure.base import Inputs, Procedure, Settings, plane_result, setting, to_record, upper_plane
 from station.results.measurement import Measurement
 from station.results.record_head import RecordHead
 from station.results.result_files import RECORD, npy
-from station.results.terms import USUAL, Terms
 
 
 class RigSettings(Settings, frozen=True, kw_only=True):
@@ -43,9 +42,7 @@ class Rig(Procedure[RigSettings]):
     results_key = "rig"
     method = "one adjustment of all cameras and the chart that they share"
 
-    def measure(
-        self, paths: Sequence[Path], settings: RigSettings, terms: Terms = USUAL, progress: Progress = silent
-    ) -> Measurement:
+    def measured(self, paths: Sequence[Path], settings: RigSettings, progress: Progress) -> Measurement:
         if len(paths) < 2:
             raise BadParameter("a rig has two cameras or more; got one result", "name the results of all its cameras")
         cameras = []
@@ -66,7 +63,7 @@ class Rig(Procedure[RigSettings]):
             self.schema, head, (plane_result(self.name, outcome, None if rig is None else _entries(rig, paths)),),
             results_key=self.results_key,
             files={} if rig is None else {"rig_covariance.npy": npy(rig.covariance)},
-        ).compared(terms)  # fmt: skip
+        )  # fmt: skip
 
 
 def _entries(rig: RigPoses, paths: Sequence[Path]) -> dict[str, Any]:

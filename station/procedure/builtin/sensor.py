@@ -9,11 +9,10 @@ from station.calibration.folder_photographs import PHOTOGRAPHS
 from station.calibration.sensor import measure_sensor
 from station.calibration.sensor_files import sensor_measurement
 from station.calibration.sensor_folder import find_shots
-from station.common.progress import Progress, silent
+from station.common.progress import Progress
 from station.procedure.base import Inputs, Procedure, Settings, setting, upper_plane
 from station.results.measurement import Measurement
 from station.results.record_head import RecordHead
-from station.results.terms import USUAL, Terms
 
 
 class SensorSettings(Settings, frozen=True, kw_only=True):
@@ -57,9 +56,7 @@ class SensorCharacterisation(Procedure[SensorSettings]):
     def steps(self, paths: Sequence[Path]) -> int:
         return sum(len(shot.paths) for shot in find_shots(paths[0], lambda miss: None))
 
-    def measure(
-        self, paths: Sequence[Path], settings: SensorSettings, terms: Terms = USUAL, progress: Progress = silent
-    ) -> Measurement:
+    def measured(self, paths: Sequence[Path], settings: SensorSettings, progress: Progress) -> Measurement:
         missed: list[Miss] = []
         shots, plane = find_shots(paths[0], missed.append), upper_plane(settings.plane)
 
@@ -70,4 +67,4 @@ class SensorCharacterisation(Procedure[SensorSettings]):
 
         result = measure_sensor(shots, plane, reported, missed=missed)
         head = RecordHead(self.name, tuple(result.files), {"folder": str(paths[0]), "plane": plane or "all"})
-        return sensor_measurement(result, head).compared(terms)
+        return sensor_measurement(result, head)

@@ -13,11 +13,10 @@ from station.calibration.exports.psf import field_path
 from station.calibration.profiles import profile_for
 from station.calibration.sharpening import DEFOCUS, FIELD, FINER, WAYS, choose
 from station.common.models import TableSource, read_model
-from station.common.progress import Progress, silent
+from station.common.progress import Progress
 from station.procedure.base import Inputs, PictureSettings, Procedure, setting, to_record
 from station.procedure.schema import procedure_named
 from station.results.measurement import Measurement
-from station.results.terms import USUAL, Terms
 
 SCENES = {"flat": "whole", "deep": "auto"}
 """Scenes, and the part of each in which unknown motions are estimated; the first costs a quarter of the second."""
@@ -67,9 +66,7 @@ class Sharpen(Procedure[SharpenSettings]):
     def files(self, paths: Sequence[Path], settings: SharpenSettings) -> list[Path]:
         return [field_path(settings.field)] if settings.field else []
 
-    def measure(
-        self, paths: Sequence[Path], settings: SharpenSettings, terms: Terms = USUAL, progress: Progress = silent
-    ) -> Measurement:
+    def measured(self, paths: Sequence[Path], settings: SharpenSettings, progress: Progress) -> Measurement:
         """The record of the procedure that was chosen, with the decision."""
         frames = [settings.read(path) for path in paths]
         if len(frames) == 1 and settings.field is None:
@@ -94,18 +91,18 @@ class Sharpen(Procedure[SharpenSettings]):
                 "encoding": settings.encoding,
                 "scale": 2 if way == FINER else 1,
             }
-            return _taken("correct", options, reasons, paths, terms, progress)
+            return _taken("correct", options, reasons, paths, progress)
         options = {name: getattr(settings, name) for name in ("plane", "raw", "encoding", "max_w", "scheme")}
         if way == DEFOCUS:
             options |= {"blur": "defocus", "shape": ["pillbox"], **more}
-            return _taken("restore", options, reasons, paths, terms, progress)
+            return _taken("restore", options, reasons, paths, progress)
         tried = []
         for scene, region in SCENES.items():
             if settings.scene in (None, scene):
                 chosen = f"the scene is taken as {scene}" + ("" if settings.scene else "; --scene states it")
                 progress(chosen, 0)
                 motion = {"blur": "motion", "prototype_region": region}
-                tried.append(_taken("restore", {**options, **motion}, (*reasons, chosen), paths, terms, progress))
+                tried.append(_taken("restore", {**options, **motion}, (*reasons, chosen), paths, progress))
                 if _rank(tried[-1]) == 0:
                     break
         return min(tried, key=_rank)
@@ -119,15 +116,14 @@ class Sharpen(Procedure[SharpenSettings]):
 
 
 def _taken(
-    name: str, options: Mapping[str, Any], reasons: Sequence[str], paths: Sequence[Path], terms: Terms,
-    progress: Progress,
+    name: str, options: Mapping[str, Any], reasons: Sequence[str], paths: Sequence[Path], progress: Progress,
 ) -> Measurement:  # fmt: skip
     """The measurement by a procedure, with its settings and the reasons for it in the record."""
     procedure = procedure_named(name)
     given = {key: value for key, value in options.items() if value is not None}
     settings = read_model(procedure.Settings, given, TableSource())
     settings.check()
-    measured = procedure.measure(paths, settings, terms, progress)
+    measured = procedure.measured(paths, settings, progress)
     head = replace(measured.head, settings=to_record(settings))
     choice = {"procedure": name, "reasons": list(reasons)}
     return replace(measured, head=head, entries={**measured.entries, "choice_of_procedure": choice})

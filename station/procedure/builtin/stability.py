@@ -8,14 +8,13 @@ from procedures.numerics.arrays import Array
 from procedures.outcome import BadInput, Outcome
 from procedures.pattern_psf.stability import HALF, THRESHOLDS, Stability, stability_of
 from station.common.durable_files import sha256_of
-from station.common.progress import Progress, silent
+from station.common.progress import Progress
 from station.procedure.base import Inputs, Procedure, Settings, plane_result, setting, to_record
 from station.results.exports import csv_columns
 from station.results.measurement import Measurement
 from station.results.reader import read_result
 from station.results.record_head import InputFile, RecordHead
 from station.results.result_files import RECORD
-from station.results.terms import USUAL, Terms
 
 AGAIN = "name results of station psf pattern or psf two-photo, of one camera in one place"
 
@@ -45,9 +44,7 @@ class StabilityOfPsf(Procedure[StabilitySettings]):
     suffixes = frozenset((RECORD,))
     method = "relative sensitivity of the MTF over regions of frequencies (Delbracio 2013, Figure 2.17)"
 
-    def measure(
-        self, paths: Sequence[Path], settings: StabilitySettings, terms: Terms = USUAL, progress: Progress = silent
-    ) -> Measurement:
+    def measured(self, paths: Sequence[Path], settings: StabilitySettings, progress: Progress) -> Measurement:
         by_plane: list[dict[str, tuple[Array, int]]] = []
         for path in paths:
             folder = path.parent if path.is_file() else path
@@ -73,7 +70,7 @@ class StabilityOfPsf(Procedure[StabilitySettings]):
         }
         inputs = tuple(InputFile(str(path), sha256_of(path / RECORD if path.is_dir() else path)) for path in paths)
         head = RecordHead(self.name, inputs, to_record(settings))
-        return Measurement(self.schema, head, planes, files=files).compared(terms)
+        return Measurement(self.schema, head, planes, files=files)
 
     def page(self, measurement: Measurement) -> bytes:
         """The sensitivity over the regions, and the mean MTF with its scatter."""

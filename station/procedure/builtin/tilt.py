@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from procedures.raw import default_plane
 from station.calibration.field_photographs import focus_positions, photographs
-from station.common.progress import Progress, silent
+from station.common.progress import Progress
 from station.procedure.base import ChartSettings, Inputs, Procedure, beside, setting, to_record
 from station.results.measurement import Measurement
 from station.results.record_head import InputFile, RecordHead
-from station.results.terms import USUAL, Terms
 
 if TYPE_CHECKING:
     from procedures.tilt.estimate import TiltParameters
@@ -89,9 +88,7 @@ class TiltOfSensor(Procedure[TiltSettings]):
     def steps(self, paths: Sequence[Path]) -> int:
         return len(photographs(paths[0]))
 
-    def measure(
-        self, paths: Sequence[Path], settings: TiltSettings, terms: Terms = USUAL, progress: Progress = silent
-    ) -> Measurement:
+    def measured(self, paths: Sequence[Path], settings: TiltSettings, progress: Progress) -> Measurement:
         from procedures.field.estimate import BRACKET
         from procedures.field.measuring import measure
         from station.calibration.tilt import check_known, measure_tilt, tilt_measurement
@@ -110,7 +107,7 @@ class TiltOfSensor(Procedure[TiltSettings]):
             "focal_length_mm": parameters.focal_length_mm,
         }  # fmt: skip
         head = RecordHead(self.name, tuple(InputFile(str(path), sha256) for path, sha256 in measured.frames), given)
-        return tilt_measurement(head, name, result, measured.misses).compared(terms)
+        return tilt_measurement(head, name, result, measured.misses)
 
     def lines(self, measurement: Measurement) -> list[str]:
         from station.calibration.tilt import screw_lines

@@ -4,10 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from station.calibration.vignetting import measure_flats, vignetting_measurement
-from station.common.progress import Progress, silent
+from station.common.progress import Progress
 from station.procedure.base import Inputs, Procedure, Settings
 from station.results.measurement import Measurement
-from station.results.terms import USUAL, Terms
 
 
 class Vignetting(Procedure[Settings]):
@@ -25,7 +24,5 @@ class Vignetting(Procedure[Settings]):
     drawn_by = "field.camera_section:vignetting_page"
     method = "polynomial falloff of the lens fitted with the light's slope, by plane"
 
-    def measure(
-        self, paths: Sequence[Path], settings: Settings, terms: Terms = USUAL, progress: Progress = silent
-    ) -> Measurement:
-        return vignetting_measurement(measure_flats(paths, progress)).compared(terms)
+    def measured(self, paths: Sequence[Path], settings: Settings, progress: Progress) -> Measurement:
+        return vignetting_measurement(measure_flats(paths, progress))

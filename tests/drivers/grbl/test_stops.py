@@ -144,13 +144,19 @@ def test_motors_that_let_go_between_moves_are_flagged(make, twin):
     assert "set $1=255" in caveat.remedy
 
 
-def test_a_door_is_named_and_the_move_goes_on_from_where_it_stood(homed, bench, twin):
+def opened_in_mid_move(homed, bench, twin):
+    """The end of a move, during which the door is opened."""
+
     def open_the_door():
         bench.clock.sleep(1.0)
         bench.cables["stage"].happen(lambda now_s: twin.door(True, now_s))
 
     moved, _ = bench.clock.together(lambda: homed.move_to(z_mm=100.0), open_the_door)
-    assert isinstance(moved, Held)
+    return moved
+
+
+def test_a_door_is_named_and_the_move_goes_on_from_where_it_stood(homed, bench, twin):
+    assert isinstance(opened_in_mid_move(homed, bench, twin), Held)
     bench.clock.sleep(1.0)
     with pytest.raises(Held, match="is paused at the door; close it and resume"):
         homed.move_to(z_mm=100.0)
@@ -169,12 +175,7 @@ def test_a_door_is_named_and_the_move_goes_on_from_where_it_stood(homed, bench, 
 def test_a_door_is_named_where_reports_report_of_a_jog_that_goes_on(homed, bench, twin):
     # grblHAL's simulator, 2026: neither hold nor cancelling ends it, and resuming makes it a program
     twin.program.variant = "grblHAL"
-
-    def open_the_door():
-        bench.clock.sleep(1.0)
-        bench.cables["stage"].happen(lambda now_s: twin.door(True, now_s))
-
-    moved, _ = bench.clock.together(lambda: homed.move_to(z_mm=100.0), open_the_door)
+    moved = opened_in_mid_move(homed, bench, twin)
     assert isinstance(moved, Held)
     assert "at the door" in str(moved)
     assert not homed.condition().usable

@@ -28,7 +28,7 @@ def seen(lens: Diffraction, mask: float = 0.0, radius_px: float = 1.0, k: int = 
     return Psf(h / h.sum(), S, covariance, PsfTail(tail, np.array([[1e-6]]), np.zeros((k * k, 1))))
 
 
-def test_unsharp_masks_are_told_by_either_lens_and_a_band_that_ends_is_none():
+def test_unsharp_masks_are_detected_by_either_lens_and_a_band_that_ends_is_none():
     # what f/2.8 passes beyond 2.5 cycles/pixel leaves rings of its own when it is missing
     assert missing_light(seen(SHARP)) < 3
     for lens in (SHARP, SOFT):

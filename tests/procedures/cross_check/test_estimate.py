@@ -58,7 +58,7 @@ def test_both_edges_of_every_frame_agree_with_the_psf_and_with_the_truth(checks)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("wall", [0.04, 0.35, 0.9])
+@pytest.mark.parametrize("wall", [0.35, *(pytest.param(one, marks=pytest.mark.nightly) for one in (0.04, 0.9))])
 def test_a_chart_without_edges_has_no_check(wall: float) -> None:
     assert check_edges(*photograph(Chart.from_seed(), wall=wall)) == ()
 

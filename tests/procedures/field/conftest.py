@@ -2,12 +2,13 @@ import numpy as np
 import pytest
 
 from procedures import Chart, Plane, estimate_psf
+from procedures.field.interpolate import Interpolation, interpolate
 from simulators.camera.camera import Lens, SimulatedCamera
 from simulators.camera.optics import Optics
 from simulators.camera.sensor import Sensor
 from simulators.world.scene import Scene
 
-from .lens import FieldCamera, grid, nodes
+from .lens import SHAPE, FieldCamera, grid, nodes
 
 SEED = 20260314
 
@@ -34,3 +35,9 @@ def camera() -> FieldCamera:
 def measured(camera, covariance):
     """25 nodes of the green plane."""
     return nodes(camera, grid(), covariance, np.random.default_rng(SEED))
+
+
+@pytest.fixture(scope="session")
+def interpolated(measured) -> Interpolation:
+    """The green plane between them."""
+    return interpolate("G1", SHAPE, measured)

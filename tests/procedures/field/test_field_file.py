@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from procedures.field import field_file
-from procedures.field.interpolate import interpolate
 from procedures.field.maps import derive, lateral_colour
 from procedures.outcome import BadInput, Outcome
 from procedures.vignetting.surface import LightSurface
@@ -16,11 +15,6 @@ from ..correction.small_lens import SmallLens
 from .lens import NEAR, SHAPE, FieldCamera, grid, nodes
 
 DOCUMENT = Path(field_file.__file__).parent / "decisions" / "0001-hdf5.md"
-
-
-@pytest.fixture(scope="module")
-def interpolated(measured):
-    return interpolate("G1", SHAPE, measured)
 
 
 @pytest.fixture(scope="module")

@@ -22,8 +22,8 @@ def true_mtf(camera, height, directions):
     return np.array(values)
 
 
-def test_the_lens_is_in_the_95_percent_band_up_to_where_the_nodes_end(camera, measured):
-    (values,) = over_height(interpolate("G1", SHAPE, measured).field, (F,))
+def test_the_lens_is_in_the_95_percent_band_up_to_where_the_nodes_end(camera, interpolated):
+    (values,) = over_height(interpolated.field, (F,))
     curve = values
     turns = (np.arange(DIRECTIONS) + 0.5) * 2 * np.pi / DIRECTIONS
     off = []

@@ -18,11 +18,6 @@ SLOW_FIXTURES = {"measured"}
 
 
 @pytest.fixture(scope="module")
-def interpolated(measured):
-    return interpolate("G1", SHAPE, measured)
-
-
-@pytest.fixture(scope="module")
 def places():
     return np.random.default_rng(7).uniform([95, 65], [655, 435], (30, 2))
 

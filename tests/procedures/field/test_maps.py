@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 from procedures import Psf, Refused
-from procedures.field.interpolate import interpolate
 from procedures.field.maps import MAPS, derive, grid, lateral_colour, numbers_of, radius_direction
 from procedures.psf_field import Node
 
@@ -16,8 +15,8 @@ COLUMNS = 11
 
 
 @pytest.fixture(scope="module")
-def maps(measured):
-    return derive(interpolate("G1", SHAPE, measured).field, COLUMNS)
+def maps(interpolated):
+    return derive(interpolated.field, COLUMNS)
 
 
 @pytest.mark.parametrize("number", range(len(MAPS)))

@@ -72,7 +72,8 @@ def test_charts_square_to_the_camera_or_tilted_to_one_side_are_refused_for_that(
     assert "turned by 20 to 40 degrees" in found.remedy
     taken = take(replace(SMALL, camera=PLAIN, tilt_deg=30.0, bend_mm=0.0), np.random.default_rng(6))
     view = max(taken.views, key=lambda one: greatest_tilt(taken.nodes, [one]))
-    found = calibrate_geometry([view] * 6, PLAIN.size, GeometryParameters(CELL_MM), nodes=taken.nodes)
+    asked = GeometryParameters(CELL_MM, model="OPENCV")
+    found = calibrate_geometry([view] * 6, PLAIN.size, asked, nodes=taken.nodes)
     assert found.verdict is Verdict.REFUSED
     assert "the chart is tilted the same way, within 5 degrees, in all 6 views" in found.reason
 

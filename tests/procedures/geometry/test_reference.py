@@ -48,7 +48,7 @@ def calibrated(camera: TrueCamera, model: str | None = None) -> Geometry:
 
 def test_a_smooth_lens_has_a_smooth_reference(geometry_of_prism):
     assert geometry_of_prism.camera.roughness_px <= ROUGHNESS_PX[1]
-    assert geometry_of_prism.trials[0].left_over == min(trial.left_over for trial in geometry_of_prism.trials)
+    assert geometry_of_prism.trials[0].residual == min(trial.residual for trial in geometry_of_prism.trials)
 
 
 @pytest.fixture(scope="module")

@@ -1,13 +1,15 @@
+import importlib
 import os
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import numba
 import numpy as np
 import pytest
 
-from procedures.numerics.compiled import compiled, vectorised
+from procedures.numerics.compiled import _cache_folder, compiled, vectorised
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -33,21 +35,26 @@ def test_strict_kernels_keep_nan():
     assert finite(1.0)
 
 
-@pytest.mark.slow
-def test_a_loop_is_compiled_anew_when_a_constant_of_another_file_changes(tmp_path):
+def test_a_loop_is_compiled_anew_when_a_constant_of_another_file_changes(tmp_path, monkeypatch):
     # Numba alone keeps the old value: it looks at the loop's own file only
     package = tmp_path / "toy"
     package.mkdir()
     (package / "__init__.py").touch()
     loop = "from procedures.numerics.compiled import compiled\nfrom toy.size import SIZE\n"
     (package / "loops.py").write_text(f"{loop}@compiled\ndef size():\n    return SIZE\n")
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "kept"), "PYTHONPATH": f"{tmp_path}:{ROOT}",
-                   "PYTHONDONTWRITEBYTECODE": "1"}  # fmt: skip
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "kept"))
+    kept = []
     for value in (3, 4, 3):
         (package / "size.py").write_text(f"SIZE = {value}\n")
-        command = [sys.executable, "-c", "from toy.loops import size; print(size())"]
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-        assert done.stdout == f"{value}\n"
+        _cache_folder.cache_clear()  # as in another process
+        for name in ("toy", "toy.size", "toy.loops"):
+            monkeypatch.delitem(sys.modules, name, raising=False)
+        size = importlib.import_module("toy.loops").size
+        assert size() == value
+        kept.append(sum(size.stats.cache_hits.values()))
+    assert kept == [0, 0, 1]
     assert len(list((tmp_path / "kept" / "calibration-station").iterdir())) == 2
 
 

@@ -71,7 +71,7 @@ OTHER_WORDS = {("yaw", -6.0): "its left edge", ("pitch", 4.0): "its upper edge",
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "angle"), WORDS)
-def test_a_turned_chart_is_told_by_how_much_and_which_way_and_following_it_makes_it_square(shoot, name, angle):
+def test_a_turned_chart_is_reported_with_how_much_and_which_way_and_following_it_makes_it_square(shoot, name, angle):
     advice = check_square(shoot(turned(**{name: angle})), FACTS)
     assert not advice.good
     assert WORDS[name, angle] in advice.say

@@ -45,7 +45,10 @@ WALLS = {
 }
 
 
-@pytest.mark.parametrize("wall", ["frontal", *(pytest.param(one, marks=pytest.mark.slow) for one in list(WALLS)[1:])])
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "wall", [*(pytest.param(one, marks=pytest.mark.nightly) for one in ("frontal", "tilted")), "airy", "noisy"]
+)
 def test_known_walls_give_their_psf(wall: str) -> None:
     otf, tilt, noise, limit = WALLS[wall]
     pair = photographs(otf, tilt=tilt, noise=noise, size=150)

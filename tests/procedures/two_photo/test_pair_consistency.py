@@ -75,7 +75,7 @@ def test_damage_that_resembles_the_wall_is_in_the_uncertainty(pair: Pair, name: 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("turned_deg", [2, 10])
+@pytest.mark.parametrize("turned_deg", [2, pytest.param(10, marks=pytest.mark.nightly)])
 def test_rotated_light_on_relief_is_detected(turned_deg: float) -> None:
     rotated = relief(OTF, turned_deg, size=130)
     outcome = estimate(rotated.near, rotated.far)

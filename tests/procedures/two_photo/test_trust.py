@@ -57,7 +57,7 @@ def test_a_pair_without_a_flaw_fails_no_check(raw: bool) -> None:
         ("colour", 1.6, "coarse residual", Verdict.DOUBTFUL),
         ("colour", 0.8, "fine residual", Verdict.DOUBTFUL),
         ("light_turned", 0.005, "direction of the light", Verdict.DOUBTFUL),
-        ("left_over", 0.05, "coarse detail", Verdict.DOUBTFUL),
+        ("coarse_residual", 0.05, "coarse detail", Verdict.DOUBTFUL),
         ("smoothing", 1.35, "smoothing", Verdict.DOUBTFUL),
         ("streaks", 1.4, "streaks", Verdict.DOUBTFUL),
         ("detail", 1.5, "residual at detail", Verdict.DOUBTFUL),

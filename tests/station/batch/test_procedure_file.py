@@ -69,7 +69,7 @@ def test_auto_and_numbers_are_what_s_and_k_can_be(procedure_file):
         ("chart = { seed = 1, bits = 'x.pgm' }", "from its cells or from its seed", "one of them"),
         ("chart = { bits = 'a\\u0000b' }", "chart.bits", "correct"),
         ("trust_typed = 1", "trust_typed must be true or false; it is 1", "write trust_typed = true"),
-        ('raw = "8x6,RGGB"', "the layout of a sensor dump must have five parts", "for example 1920x1080"),
+        ('raw = "8x6,RGGB"', "samples must have five or three parts", "as 1920x1080"),
         ("optics = { f_number = 0 }", "optics.f_number must be a number at least 0.1", "correct"),
         ("optics = { f_number = inf }", "optics.f_number must be finite; it is inf", "correct"),
         ("parameters = { s = 3 }\nsettings = { s = 4 }", "settings.s and parameters.s are both given", "one of them"),

@@ -113,13 +113,17 @@ BATCHES: dict[str, tuple[Callable[[Path, pytest.MonkeyPatch], str], str]] = {
     "vignetting": (made(cases.vignetting, ""), "corner_light"),
 }
 """Inputs and procedure file, and a number that has a limit."""
+LONG = {"correct", "field", "pattern", "sensor", "series", "sharpen", "two-photo", "witnessed"}
+"""Those whose measuring takes more than a second, with inputs of a kind that others have too."""
 
 
 def test_every_procedure_is_here():
     assert BATCHES.keys() == BUILTIN.keys()
 
 
-@pytest.mark.parametrize("name", BUILTIN)
+@pytest.mark.parametrize(
+    "name", [pytest.param(one, marks=pytest.mark.nightly) if one in LONG else one for one in BUILTIN]
+)
 def test_a_batch_measures_compares_records_draws_and_certifies(name, tmp_path, monkeypatch):
     procedure, (make, number), photographs = procedure_named(name), BATCHES[name], tmp_path / "in"
     photographs.mkdir()

@@ -61,12 +61,12 @@ def test_it_is_configured_and_listed(station, tmp_path):
 
 @pytest.mark.slow
 def test_it_conforms(station):
-    done = station("conform", "toy-stage", "--json")
+    done = station("conform", "toy-stage", "--json", "--operations", 100)
     assert done.exit_code == 0, done.stdout + done.stderr
     trials = {one["trial"]: one for one in json.loads(done.stdout)["trials"]}
     assert set(FAULTS) - {"none"} < set(trials)
-    assert trials["soak"]["figure"] == "500 operations"
-    assert trials["stops"]["figure"].startswith("200 stops")
+    assert trials["soak"]["figure"] == "100 operations"
+    assert trials["stops"]["figure"].startswith("40 stops")
 
 
 def test_an_unknown_driver_is_refused(station):

@@ -218,7 +218,7 @@ def test_photographs_moved_by_parts_of_a_pixel_make_a_picture_of_twice_as_many(f
     result = correct(*paths, "--field", files[0] / "grey.h5", "--scale", 2, "--out", tmp_path / "out", "--json")
     record = json.loads(result.stdout)
     assert [one["path"] for one in record["input"]] == [str(path) for path in paths]
-    assert (record["scale"], record["detail_told"]) == (2, 0.75)
+    assert (record["scale"], record["detail_resolved"]) == (2, 0.75)
     moves_px = [one["moved_px"] for one in record["further_photographs"]]
     np.testing.assert_allclose(moves_px, moves[1:], atol=0.05)
     assert stored(tmp_path / "out", (1, 2 * SHAPE[0], 2 * SHAPE[1])).mean() == pytest.approx(0.4, abs=0.1)

@@ -69,12 +69,6 @@ def held_up(served, monkeypatch):
     go_on.set()
 
 
-def test_it_does_not_move_before_homing(stage):
-    with pytest.raises(NotHomed):
-        stage.move_to(z_mm=400.0)
-    assert not stage.condition().usable
-
-
 def test_a_pause_at_the_door_is_held_and_ended_by_resume(homed, served):
     twin, cable = served.bench.simulated.devices["stage"], served.bench.simulated.cables["stage"]
     cable.happen(lambda now_s: twin.door(True, now_s))

@@ -21,7 +21,7 @@ FOCAL_MM, PITCH_UM, CELL_MM, Z_MM = 24.0, 5.94, 0.3, 1865.0
 """At that distance s/t is 1.3 with 4 samples a pixel: a noise region 83 pixels of a plane wide."""
 
 
-@pytest.fixture(scope="module", params=[5.6, 11.0])
+@pytest.fixture(scope="module", params=[pytest.param(5.6, marks=pytest.mark.nightly), 11.0])
 def photographed(request, tmp_path_factory):
     """A photograph by a lens at that f-number, which the file does not note."""
     path = tmp_path_factory.mktemp("taken") / "shot.dng"
