@@ -167,6 +167,11 @@ class Psf:
         return cls.of(p, covariance, k, s)
 
     @property
+    def relative_uncertainty(self) -> float:
+        """Relative L2 error to expect: the root of the covariance's trace over the norm of the samples."""
+        return float(np.sqrt(np.trace(self.covariance)) / np.linalg.norm(self.h))
+
+    @property
     def k(self) -> int:
         """Number of samples along one side."""
         return int(self.h.shape[0])
@@ -307,7 +312,8 @@ def cut_off(psf: Psf) -> float:
     support, less the tail continued inwards and less noise.
 
     Of a lens in focus the tail continues smoothly. Where a broad blur, a halo or a disc of defocus reaches the border,
-    the tail has the wrong shape: up to 0.02 of the OTF at 0.05 cycles/pixel.
+    the tail has the wrong shape: up to 0.02 of the OTF at 0.05 cycles/pixel. Where a Gaussian's flank does,
+    the mean tail is negative and a steeper one positive.
     """
     amplitudes = psf.tail.amplitudes
     if not len(amplitudes):
@@ -321,7 +327,9 @@ def cut_off(psf: Psf) -> float:
     excess = np.concatenate([outer.ravel(), -inwards]) / psf.light
     value = float(excess @ psf.parameters)
     variance = float(excess @ psf.parameter_covariance @ excess)
-    return CUT_OFF * math.sqrt(max(value**2 - variance, 0.0)) if value > 0 else 0.0
+    lacking = -float(amplitudes[0])
+    squares = (value * abs(value) - variance, lacking * abs(lacking) - float(psf.tail.covariance[0, 0]), 0.0)
+    return CUT_OFF * math.sqrt(max(squares))
 
 
 def tail_energy_uncertainty(psf: Psf) -> float:

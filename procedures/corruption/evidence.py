@@ -2,8 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Self
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -65,12 +64,6 @@ class TextureEvidence:
             GHOSTED.check(scores[GHOST], raw=raw),
             VEILED.check(scores[VEIL], raw=raw),
         ]
-
-    def with_wider_masks(self, other: Self) -> Self:
-        """With the wide masks of another fit where it shows more of them."""
-        theirs = {name: other.strengths[name] for name in WIDE_NAMES}
-        more = {name: one for name, one in theirs.items() if _wide_score(one) > _wide_score(self.strengths[name])}
-        return replace(self, strengths={**self.strengths, **more})
 
     def _of_pictures(self) -> list[Check]:
         wide = max(_wide_score(self.strengths[name]) for name in WIDE_NAMES)

@@ -12,8 +12,10 @@ from procedures.numerics.arrays import Array
 from procedures.psf import Psf
 from procedures.spatial_numbers import energy_within
 
-RINGS_PX = (0.8, 1.2, 1.8, 2.7)
-"""Radii of the rings."""
+RINGS_PX = (0.8, 1.2, 1.8, 2.7, 4.0, 6.0)
+"""Radii of the rings; the outermost one ends with the support."""
+LEAST_RATIO = 1.2
+"""Least ratio of the radii of the outermost ring."""
 MIN_TAIL_SHARE = 0.6
 """Least light of any lens between two radii, relative to that of the far tail."""
 NARROW_BAND = 0.85
@@ -29,7 +31,9 @@ def missing_light(psf: Psf) -> float:
     if not len(psf.tail.amplitudes):
         return -np.inf
     tail[psf.k**2] = psf.tail_density_px / psf.tail.amplitudes[0] if psf.tail.amplitudes[0] else 0.0
-    radii = [radius for radius in RINGS_PX if radius <= psf.k / 2 / psf.s]
+    border = psf.k / 2 / psf.s
+    radii = [radius for radius in RINGS_PX if radius <= border]
+    radii += [border] if border > LEAST_RATIO * max(radii, default=border) else []
     within, narrow = [energy_within(psf, radius) for radius in radii], psf.narrowed(NARROW_BAND)
     band_errors = [(energy_within(narrow, radius)[0] - one) / 2 for radius, (one, _) in zip(radii, within, strict=True)]
     in_tail = _sigmas(-psf.tail_density_px, tail, C)

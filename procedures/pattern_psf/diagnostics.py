@@ -125,7 +125,7 @@ def diagnose(
         unexplained=unexplained(fit),
         residual_std=fit.residual_std,
         whiteness=fit.neighbour_correlation,
-        relative_uncertainty=relative_uncertainty(psf),
+        relative_uncertainty=psf.relative_uncertainty,
         support_cut=fit.cut,
         marks_offset_px=float(np.linalg.norm(marks.mean(axis=0))),
         marks_rms_px=float(np.sqrt(np.mean(np.sum((marks - marks.mean(axis=0)) ** 2, axis=1)))),
@@ -146,18 +146,13 @@ def diagnose(
         truncation=trial.truncation,
         band_edge=trial.band_edge,
         tail_sigmas=_tail_sigmas(fit, psf.s, prior),
-        missing_light=missing_light(narrow),
+        missing_light=max(missing_light(support) for support in (psf, narrow)),
         crushed=light.crushed,
         sharpened_by=fine.value,
         sharpening_uncertainty=fine.uncertainty,
         finest_noise=noise.finest,
         finest_noise_uncertainty=noise.uncertainty,
     )
-
-
-def relative_uncertainty(psf: Psf) -> float:
-    """Relative L2 error to expect of a normalised PSF."""
-    return float(np.sqrt(np.trace(psf.covariance)) / np.linalg.norm(psf.h))
 
 
 def _tail_sigmas(fit: ChartFit, s: int, prior: TailPrior | None) -> float:

@@ -240,12 +240,7 @@ def estimate_psf(
     levels = float(light.black[0]), float(light.white[0])
     noise = measure_noise(around, levels, light.variance_at, final.fit.residual_image)
     curve = quality.frequencies, quality.mtf_radial
-    fits = [final] if plane.raw or solved.narrow is final else [final, solved.narrow]
-    evidence, *of_narrow = (
-        examine(one.fit, samples, light, chart, psf.s, one.solution.psf.k, (noise.paper, noise.residual), curve)
-        for one in fits
-    )
-    evidence = evidence.with_wider_masks(*of_narrow) if of_narrow else evidence
+    evidence = examine(final.fit, samples, light, chart, psf.s, psf.k, (noise.paper, noise.residual), curve)
     narrow = solved.narrow.solution.psf
     diagnostics = diagnose(
         final.fit, psf, narrow, light, corners, solved.marks_map, final.excluded, parts, solved.tail, tried[-1], noise,

@@ -11,7 +11,7 @@ from procedures.corruption.family import threshold
 from procedures.numerics.arrays import Array
 from procedures.outcome import SYMPTOM, Check, Refused, Verdict, verdict_of
 from procedures.pattern import AIM_S_OVER_T, GOOD_S_OVER_T
-from procedures.pattern_psf.diagnostics import Diagnostics, relative_uncertainty, unexplained
+from procedures.pattern_psf.diagnostics import Diagnostics, unexplained
 from procedures.pattern_psf.error_parts import Variation
 from procedures.pattern_psf.radiometry import LightLevels
 from procedures.pattern_psf.refine import ChartFit
@@ -30,6 +30,7 @@ MAX_SUPPORT_CUT = 0.15  # share of the PSF's energy outside its support above wh
 MIN_CONTRAST_STEPS = 16  # digital numbers between black and white above which rounding is no worse than noise
 TAIL_SIGMAS = 3.0
 """Standard uncertainties between the fitted far tail and that of the f-number above which one of them is wrong."""
+MAX_UNCERTAINTY = 0.5  # relative uncertainty of the PSF above which it is doubtful; Gaussians of 2 px have 0.3 to 0.4
 MISSING_LIGHT_SIGMAS = 3.0  # standard uncertainties of missing light above which the picture was sharpened
 MAX_NOISE_DIFFERENCE, NOISE_DIFFERENCE_SIGMAS = 0.1, 4.0
 """Relative difference of the finest noise's variance from the sensor's calibration, and its significance, above which
@@ -121,7 +122,7 @@ def checks_of(d: Diagnostics, fit: ChartFit, inputs: VerdictInputs) -> list[Chec
 def refusal_checks(fit: ChartFit, psf: Psf, light: LightLevels, corners: Array, *, raw: bool) -> list[Check]:
     """Checks that refuse a normalised PSF; `corners` (12, 2) are the detected marks."""
     refused, left, correlation = Verdict.REFUSED, unexplained(fit), light.noise_correlation
-    uncertainty = relative_uncertainty(psf)
+    uncertainty = psf.relative_uncertainty
     offset_px = float(np.linalg.norm(mark_residuals(fit.registration, corners).mean(axis=0)))
     return [
         *_cell_checks(fit.agreement, left),
@@ -168,7 +169,7 @@ def _doubtful_checks(d: Diagnostics, fit: ChartFit) -> list[Check]:
               "raise k, flatten the chart, and keep reflections off it", prior=SYMPTOM),
         Check("support", d.support_cut, MAX_SUPPORT_CUT, doubtful,
               f"about {d.support_cut:.0%} of the PSF's energy lies outside its support", "focus, or raise k"),
-        Check("uncertainty", d.relative_uncertainty, 0.3, doubtful,
+        Check("uncertainty", d.relative_uncertainty, MAX_UNCERTAINTY, doubtful,
               f"the PSF's uncertainty is {d.relative_uncertainty:.0%} of the PSF",
               "expose longer, take more shots, or lower s or k"),
         Check("sampling ratio", max(low / d.s_over_t, d.s_over_t / high), 1.0, doubtful,

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 from procedures.corruption.directions import mask_gain
 from procedures.corruption.family import (
@@ -21,7 +22,7 @@ from procedures.corruption.family import (
 from procedures.corruption.noise import CONTRASTS, MASK_RADII, noise_checks
 from procedures.numerics.arrays import Array
 from procedures.outcome import Check
-from procedures.slanted_edge.evidence import HALO_PX, WIDE_PX, Evidence
+from procedures.slanted_edge.evidence import HALO_PX, MIDTONES, WIDE_PX, Evidence
 from procedures.slanted_edge.profile import EdgeProfile
 from procedures.slanted_edge.transfer import FREQUENCIES, STEP, mtf_of
 
@@ -41,9 +42,13 @@ PERIODIC_PLACES = 10
 TONE_PRIOR = 0.36
 """Prior of the logarithm of a tone curve's exponent in a picture that is no RAW file."""
 CONTRAST_PRIOR, CONTRAST_MODEL = 0.3, 0.1
-"""Prior strength of an S-shaped tone curve, which raises the noise of the edge as a mask of this amount does, or of its
-opposite by a filter of local contrast that keeps edges; standard uncertainty by a curve that is not centred between the
-plains."""
+"""Prior strength of an S-shaped tone curve, which raises the noise of the edge as a mask of this amount does; standard
+uncertainty by a curve that is not centred between the plains."""
+LOCAL_PRIOR, LOCAL_MODEL, LOCAL_PRESENT = 0.5, 0.05, 0.25
+"""Prior loss of contrast amid dark and bright by a filter of local contrast that keeps edges; standard uncertainty of
+that loss by the noise's model; prior probability of such a filter."""
+SIGN_BINS = 9
+"""Frequencies over which a curve's change is the largest: it has no sign where the transfer function crosses zero."""
 TONE_MODEL = 0.3
 """Standard uncertainty of that logarithm by the growth of the noise: read noise and the pixels' unlike gain."""
 REPEATED, REPEATED_AT = 0.005, 0.8
@@ -90,13 +95,15 @@ def modes_of(evidence: Evidence, profile: EdgeProfile, mtf: Array, *, raw: bool)
     wide = nuisance(evidence.wide.value, math.hypot(evidence.wide.uncertainty, WIDE_MODEL), HALO_PRIOR)
     exponent = nuisance(*_tone(evidence), TONE_PRIOR)
     known = evidence.scattered
-    contrast = nuisance(abs(known.value), math.hypot(known.uncertainty, CONTRAST_MODEL), CONTRAST_PRIOR)
+    contrast = nuisance(known.value, math.hypot(known.uncertainty, CONTRAST_MODEL), CONTRAST_PRIOR)
+    loss = math.hypot(evidence.compressed.uncertainty, LOCAL_MODEL)
+    local = nuisance(evidence.compressed.value, loss, LOCAL_PRIOR, LOCAL_PRESENT)
     return modes | {
         SHARPENED.name: mtf * amount * mask_gain(f, 1.0),
         OVERSHOOT.name: mtf * halo * mask_gain(f, HALO_PX),
         "wide mask": mtf * wide * mask_gain(f, WIDE_PX),
         TONE_CURVE.name: exponent * _by_tone(profile),
-        "contrast": contrast * _by_contrast(profile),
+        "contrast": np.hypot(contrast * _by_contrast(profile, 1), local * _by_contrast(profile, MIDTONES)),
     }
 
 
@@ -125,13 +132,15 @@ def _by_tone(profile: EdgeProfile) -> Array:
     return _by_curve(profile, (np.array(curved) - low) / (high - low))
 
 
-def _by_contrast(profile: EdgeProfile) -> Array:
-    """Change of the curve (f,) by an S-shaped tone curve of slope 1 - c cos(2 pi l) / 2 at light l."""
-    light = np.clip(profile.esf, 0, 1)
-    return _by_curve(profile, light - TONE_STEP * np.sin(2 * np.pi * light) / (4 * np.pi))
+def _by_contrast(profile: EdgeProfile, exponent: int) -> Array:
+    """Change of the curve (f,) by a tone curve whose slope at light l rises as (4 l (1 - l))^exponent."""
+    light = np.linspace(0, 1, 401)
+    change = np.cumsum((4 * light * (1 - light)) ** exponent) * light[1]  # the slope is 0 at both ends
+    curved = light + TONE_STEP * (change - change[-1] * light)
+    return _by_curve(profile, np.interp(np.clip(profile.esf, 0, 1), light, curved))
 
 
 def _by_curve(profile: EdgeProfile, curved: Array) -> Array:
     window = np.asarray(profile.tail), profile.flat_px, profile.end_px
     both = mtf_of(np.stack([np.clip(profile.esf, 0, 1), curved]), *window)
-    return np.asarray((both[1] - both[0]) / TONE_STEP)
+    return np.asarray(maximum_filter1d(np.abs(both[1] - both[0]) / TONE_STEP, SIGN_BINS))

@@ -230,7 +230,7 @@ def _result(
         turned=strip.turned,
         frequencies=FREQUENCIES,
         mtf=mtf,
-        uncertainty=np.sqrt(np.var(draws, axis=0) + sum(mode**2 for mode in modes.values())),
+        uncertainty=np.sqrt(_variance(mtf, draws) + sum(mode**2 for mode in modes.values())),
         numbers={name: replace(number, uncertainty=combined(budgets[name])) for name, number in numbers.items()},
         budgets=budgets,
         normal_deg=normal,
@@ -249,6 +249,13 @@ def _result(
             "overshoot": profile.overshoot,
         },
     )
+
+
+def _variance(mtf: Array, draws: Array) -> Array:
+    """Mean square error (f,) of a modulus by noise, which also makes it too large where the MTF is near zero."""
+    noise = np.var(draws, axis=0)
+    power = np.maximum(np.mean(draws**2, axis=0) - mtf**2, noise)  # in phase with the OTF, and across it
+    return np.asarray(noise + (power - noise) * np.minimum(power / np.maximum(mtf**2, 1e-12), 1.0))
 
 
 def _by_modes(number: Quantity, mtf: Array, modes: Mapping[str, Array]) -> dict[str, float]:

@@ -29,6 +29,9 @@ HALO_WIDTHS, HALO_FROM_PX = 1.5, 1.5
 form of its tail; if there is more light than that, it looks like the opposite of a mask."""
 SUBBINS = 16  # bins to a pixel within which samples scatter by noise alone, whatever the profile
 MAX_GAIN = 0.01  # greatest spread of gains by pixels and paper, by which noise amid dark and bright is less than a mean
+MIDTONES, MIN_GAIN = 12, 0.3
+"""Exponent of 4 l (1 - l), l the light from 0 to 1, where a filter of local contrast that keeps edges changes from one
+plain to the other: it compresses l = 0.4 to 0.6. Least gain there."""
 MODEL_PX = 0.003  # displacement of an edge, root mean square, that the model's course and bins leave
 DIFFERENCES = 35 / 9
 """Relative variance of the mean square of n second differences of white noise, times n: 2 for independent ones."""
@@ -48,6 +51,8 @@ class Evidence:
     textured : the same, where the plains may have a fine texture, which the lens images
     halo, wide : unsharp masks of `HALO_PX` and `WIDE_PX` beside the edge
     scattered : an unsharp mask that sharpens the edge and spares the plains, by the scatter on the edge
+    compressed : lack of contrast amid dark and bright, by the scatter there, as filters of local contrast leave it that
+        keep edges
     growth, exponent : growth of the noise from dark to bright, in standard uncertainties; exponent of the light in its
         variance
     scatter, scatter_px : excess of the scatter on the edge, in standard uncertainties; the displacement that explains
@@ -66,6 +71,7 @@ class Evidence:
     halo: Strength
     wide: Strength
     scattered: Strength
+    compressed: Strength
     growth: float
     exponent: float
     scatter: float
@@ -112,8 +118,8 @@ def examine(strip: Strip, course: Course, profile: EdgeProfile, mtf: Array, of_m
     variances = max(dark, rounding), max(bright, rounding)
     samples = _Samples(d, value, inside, variances)
     averaged = replace(samples, variances=(variances[0] * inflation[0], variances[1] * inflation[1]))
-    scatter, scatter_px, scattered, spared = _scatter(samples, profile)
-    fall, windows = _fall(averaged)
+    scatter, scatter_px, scattered, compressed, spared = _scatter(samples, profile)
+    fall, windows = _fall(averaged, profile.slope_uncertainty * profile.light[:2] / profile.contrast)
     halo, wide = (_halo(averaged, profile, radius) for radius in (HALO_PX, WIDE_PX))
     tail = profile.tail_estimate
     excess = (mtf - np.minimum.accumulate(mtf) - LOBE) / np.maximum(of_mtf, MTF_MODEL)
@@ -124,6 +130,7 @@ def examine(strip: Strip, course: Course, profile: EdgeProfile, mtf: Array, of_m
         halo=halo,
         wide=wide,
         scattered=scattered if fields else Strength(),
+        compressed=compressed if fields else Strength(),
         growth=growth,
         exponent=exponent,
         scatter=scatter,
@@ -165,9 +172,10 @@ def _noise(plain: Array, d: Array, far: Mask) -> Array:
     return noise
 
 
-def _scatter(samples: _Samples, profile: EdgeProfile) -> tuple[float, float, Strength, float]:
+def _scatter(samples: _Samples, profile: EdgeProfile) -> tuple[float, float, Strength, Strength, float]:
     """Score of the scatter on the edge against its plains' noise, convex in the light, the displacement (the slope
-    squared) and mask that explain it; score of less scatter than that, with pixels of unlike gain."""
+    squared) and mask that explain it; lack of contrast by that amid dark and bright; score of less scatter than that,
+    with pixels of unlike gain."""
     d = samples.d
     used = samples.inside & (np.abs(d) < profile.end_px + 1)
     profile, residual = rebinned(profile, samples.value, d, used)
@@ -186,7 +194,13 @@ def _scatter(samples: _Samples, profile: EdgeProfile) -> tuple[float, float, Str
     convex = min(max(bright - dark, 0.0) / (1 + 2 * max(profile.light[0], 0.0) / profile.contrast), MAX_GAIN**2)
     least = between - convex * light * (1 - light)
     fits = []
-    for shape, model in ((slope, expected), (middle, expected), (middle * expected, expected), (middle * least, least)):
+    for shape, model in (
+        (slope, expected),
+        (middle, expected),
+        (middle * expected, expected),
+        (middle * least, least),
+        (middle**MIDTONES * expected, expected),
+    ):
         weight = (count[known] - 1) / (2 * model**2)
         information = max(float(np.sum(weight * shape**2)), 1e-300)
         fits.append((float(np.sum(weight * shape * (square - model))) / information, information**-0.5))
@@ -194,7 +208,9 @@ def _scatter(samples: _Samples, profile: EdgeProfile) -> tuple[float, float, Str
     spared = -fits[3][0] / fits[3][1]
     # a mask of amount a raises the variance of white noise by about 2 a
     strength, uncertainty = fits[2]
-    return score, max(fits[0][0], 0.0) ** 0.5, Strength(strength / 2, uncertainty / 2), spared
+    scattered = Strength(strength / 2, uncertainty / 2)
+    gain = max(1 + fits[4][0], MIN_GAIN**2) ** 0.5
+    return score, max(fits[0][0], 0.0) ** 0.5, scattered, Strength(1 - gain, fits[4][1] / (2 * gain)), spared
 
 
 def _binned(samples: _Samples) -> tuple[Array, Array, Array]:
@@ -206,8 +222,11 @@ def _binned(samples: _Samples) -> tuple[Array, Array, Array]:
     return (np.arange(-K, K) + 0.5) / BINS, total, count
 
 
-def _fall(samples: _Samples) -> tuple[float, int]:
-    """Largest fall of the spread function from a window to the next, in standard uncertainties; number of windows."""
+def _fall(samples: _Samples, slopes: Array) -> tuple[float, int]:
+    """Largest fall of the spread function from a window to the next, in standard uncertainties; number of windows.
+
+    slopes : uncertainty of the light's slope per pixel, dark and bright
+    """
     x, total, count = _binned(samples)
     noise = count * np.where(x < 0, *samples.variances)
     sums = np.concatenate([np.zeros((3, 1)), np.cumsum([count, total, noise], axis=1)], axis=1)
@@ -218,7 +237,8 @@ def _fall(samples: _Samples) -> tuple[float, int]:
         first, second = (sums[:, start + (i + 1) * k] - sums[:, start + i * k] for i in (0, 1))
         known = np.minimum(first[0], second[0]) > MIN_SAMPLES
         first, second = first[:, known], second[:, known]
-        variance = first[2] / first[0] ** 2 + second[2] / second[0] ** 2
+        by_light = k / BINS * np.where(x[start + k][known] < 0, slopes[0], slopes[1])
+        variance = first[2] / first[0] ** 2 + second[2] / second[0] ** 2 + by_light**2
         scores.append((first[1] / first[0] - second[1] / second[0]) / np.sqrt(np.maximum(variance, 1e-24)))
     falls = np.concatenate(scores)
     return float(np.max(falls, initial=0.0)), max(len(falls), 1)
@@ -227,21 +247,24 @@ def _fall(samples: _Samples) -> tuple[float, int]:
 def _halo(samples: _Samples, profile: EdgeProfile, radius_px: float) -> Strength:
     """Unsharp mask beside the edge: light that is missing there, with levels, tail and slope of the light unknown."""
     x, total, count = _binned(samples)
-    near = np.abs(x) > max(HALO_WIDTHS * profile.width_px, HALO_FROM_PX)
-    kept = near & (count > 0)
+    start = max(HALO_WIDTHS * profile.width_px, HALO_FROM_PX)
+    kept = (np.abs(x) > start) & (count > 0)
     if np.count_nonzero(kept & (x < 0)) < BINS or np.count_nonzero(kept & (x > 0)) < BINS:
         return Strength()
+    d, dark, bright = x[kept], *(profile.light[:2] / profile.contrast)
+    base = np.where(d < 0, dark, bright)
+    plains = np.column_stack([d < 0, d > 0, -1 / d, 1 / d**2, base * d * LIGHT_UNITS[3]])
+    weight = np.sqrt(count[kept] / np.where(d < 0, *samples.variances))[:, None]
+    values = filled(total, count)[kept] - (d > 0)
+    # the mask is that of the edge and of its plains' model: their noise would look like a mask of itself
     reach = int(6 * radius_px * BINS)
     wide = x[0] - reach / BINS + np.arange(len(x) + 2 * reach) / BINS
-    inside = np.abs(wide) < 0.9 * profile.end_px
-    esf = np.where(inside, np.interp(wide, profile.centres, profile.esf), (wide > 0) - profile.tail / wide)
+    model = np.linalg.lstsq(plains * weight, values * weight[:, 0], rcond=None)[0]
+    low, high, tail, lean = model[:4]
+    far = np.where(wide < 0, low, 1 + high) - tail / wide + lean / wide**2
+    esf = np.where(np.abs(wide) < start, np.interp(wide, profile.centres, profile.esf), far)
     mask = (esf - gaussian_filter1d(esf, radius_px * BINS))[reach:-reach]
-    d = x[kept]
-    dark, bright = profile.light[:2] / profile.contrast
-    base = np.where(d < 0, dark, bright)
-    columns = np.column_stack([d < 0, d > 0, -1 / d, 1 / d**2, base * d * LIGHT_UNITS[3], mask[kept]])
-    weight = np.sqrt(count[kept] / np.where(d < 0, *samples.variances))[:, None]
+    columns = np.column_stack([plains, mask[kept]])
     covariance = np.linalg.pinv((columns * weight).T @ (columns * weight))
-    values = filled(total, count)[kept] - (d > 0)
     answer = covariance @ ((columns * weight).T @ (values * weight[:, 0]))
     return Strength(float(answer[-1]), float(np.sqrt(covariance[-1, -1])))

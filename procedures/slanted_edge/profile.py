@@ -22,6 +22,7 @@ FLAT_WIDTHS, END_WIDTHS = 1.2, 2.6
 """Start and end of the window's taper, in full widths at half maximum of the line spread function."""
 ROUNDS = 4  # iterations in which values are moved to the centres of their bins
 MIN_FLAT_PX = 2.0
+SLOPE = 3  # index of the slope across among the plains' parameters
 MIN_FAR_PX = 3.0  # least width of the plains that they are fitted in
 LIGHT_UNITS: Array = np.array([1, 1, 1, 1 / 20, 1 / 20, 1])
 """Units of the plains' parameters: dark level, bright level, tail, relative slopes of the light across and along, per
@@ -76,9 +77,14 @@ class EdgeProfile:
     def tail_estimate(self) -> Tail:
         """Tail estimated from the plains alone, without its prior."""
         normal, right = self.lean.added(self.light_normal.sum(axis=0), self.light_right.sum(axis=0))
-        alone = solve_light(normal, right)
         spread = self.noise * float(np.sqrt(np.linalg.pinv(normal)[COLUMN, COLUMN]))
-        return Tail(float(alone[COLUMN]) / self.contrast, spread / abs(self.contrast))
+        return Tail(float(solve_light(normal, right)[COLUMN]) / self.contrast, spread / abs(self.contrast))
+
+    @property
+    def slope_uncertainty(self) -> float:
+        """Standard uncertainty of the relative slope of the light across the edge, per pixel."""
+        normal, _ = self.lean.added(self.light_normal.sum(axis=0), self.light_right.sum(axis=0))
+        return self.noise * float(np.sqrt(np.linalg.pinv(normal)[SLOPE, SLOPE])) * float(LIGHT_UNITS[SLOPE])
 
     @property
     def centres(self) -> Array:

@@ -107,11 +107,6 @@ class PairDiagnostics:
     mismatch: float
 
 
-def relative_uncertainty(psf: Psf) -> float:
-    """Root of the covariance's trace over the norm of the PSF: the relative L2 error to expect."""
-    return float(np.sqrt(np.trace(psf.covariance)) / np.linalg.norm(psf.h))
-
-
 def diagnose(
     fit: PairFit, kernel: InterImageKernel, psf: Psf, sighting: PairSighting, near: Array32, far: Array32,
     near_noise_limit: float, recursion_check: float, saturated: float, consistency: PairConsistency,
@@ -141,7 +136,7 @@ def diagnose(
         light_change=_light_change(fit),
         passed=passed,
         excess=excess,
-        relative_uncertainty=relative_uncertainty(psf),
+        relative_uncertainty=psf.relative_uncertainty,
         determined_horizontal=determined_horizontal,
         determined_vertical=determined_vertical,
         near_noise_bias=kernel.bias,

@@ -34,7 +34,7 @@ from procedures.outcome import SYMPTOM, Check, Outcome, Quantity, Refused, Verdi
 from procedures.psf import Psf, Sampling
 from procedures.quality import Diffraction, Quality, assess, beyond_diffraction
 from procedures.raw import Plane, PlaneLike, as_plane
-from procedures.two_photo.diagnostics import diagnose, relative_uncertainty
+from procedures.two_photo.diagnostics import diagnose
 from procedures.two_photo.error_parts import error_parts, likely_errors, widened
 from procedures.two_photo.inter_image import PairFit, fit_kernel, linear_system, tiles_of
 from procedures.two_photo.near_noise import InterImageKernel, noise_at_most, without_near_noise
@@ -293,7 +293,7 @@ def _chosen(
         if not coarser:
             raise
         return chosen_from(2)
-    noisy = relative_uncertainty(best.psf) > MAX_UNCERTAINTY
+    noisy = best.psf.relative_uncertainty > MAX_UNCERTAINTY
     return chosen_from(2) if coarser and noisy else (best, tried)
 
 

@@ -524,7 +524,7 @@ CORRUPTIONS: dict[str, Corruption] = {
     "wavelet threshold, 3 noises": wavelet(3.0),
     "edge-directed denoising with grain": edge_directed(1, 0.7),
     "local contrast 20 % of 30 px, mid-tones": local_contrast(0.2, 30.0),
-    "local contrast 20 % of 6 px, edges kept": local_contrast(0.2, 6.0, 0.15),
+    **{f"local contrast 20 % of {r} px, edges kept": local_contrast(0.2, r, 0.15) for r in (6, 20)},
     "JPEG 90": jpeg(90),
     "JPEG 60": jpeg(60),
     "rough print 0.15 px": rough(0.15, 1.0),

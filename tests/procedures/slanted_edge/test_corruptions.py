@@ -23,7 +23,7 @@ CAMERA = Camera(2.0, blur_px=0.6)
 ANGLE = 6.0
 ELECTRONS, READ_E = 12000, 3
 NONE = Strength(0.0, 0.1)
-CLEAN = Evidence([NONE] * 3, [NONE] * 3, NONE, NONE, NONE, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 4, 0.0, 0.0, 0.0, 0.0)
+CLEAN = Evidence([NONE] * 3, [NONE] * 3, NONE, NONE, NONE, NONE, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 4, 0.0, 0.0, 0.0, 0.0)
 
 
 def picture(rng: np.random.Generator, light: Array | None = None) -> Array:
@@ -214,8 +214,8 @@ def test_a_fall_counts_alike_in_the_dark_and_in_the_bright(dip: float, rng: np.r
     d, sigma = rng.uniform(-20, 20, 8000), 0.02
     value = (d > 0) - dip * np.exp(-(((d + 6) / 2) ** 2)) + sigma * rng.standard_normal(len(d))
     inside = np.ones(len(d), dtype=bool)
-    fall, windows = _fall(_Samples(d, value, inside, (sigma**2, sigma**2)))
-    mirrored, same = _fall(_Samples(-d, 1 - value, inside, (sigma**2, sigma**2)))
+    fall, windows = _fall(_Samples(d, value, inside, (sigma**2, sigma**2)), np.zeros(2))
+    mirrored, same = _fall(_Samples(-d, 1 - value, inside, (sigma**2, sigma**2)), np.zeros(2))
     assert (mirrored, same) == (pytest.approx(fall), windows)
     # from two pixels of the dip's flank to the next two the mean falls by 0.03 or more, known to 0.02 (2 / 400)^(1/2)
     assert fall > 5 * threshold(windows) if dip else fall < threshold(windows)
@@ -232,7 +232,7 @@ def test_noise_that_is_correlated_is_smoothed_and_noise_that_is_anticorrelated_i
 
 def test_the_mode_of_a_mask_is_its_gain(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("_by_tone", "_by_contrast"):
-        monkeypatch.setattr(corruptions, name, lambda profile: np.zeros_like(FREQUENCIES))
+        monkeypatch.setattr(corruptions, name, lambda *given: np.zeros_like(FREQUENCIES))
     mtf = 1 - FREQUENCIES / 2
     modes = corruptions.modes_of(CLEAN, None, mtf, raw=False)  # type: ignore[arg-type]
     point, n = np.zeros(81), np.arange(-40, 41)
@@ -244,6 +244,28 @@ def test_the_mode_of_a_mask_is_its_gain(monkeypatch: pytest.MonkeyPatch) -> None
         amount = modes[name][seen] / (mtf[seen] * gain)
         # the sampled Gaussian is cut off at four standard deviations
         np.testing.assert_allclose(amount, amount.mean(), rtol=2e-3)
+
+
+@pytest.mark.parametrize("blur_px", [1.5, 2.5])
+def test_a_wide_gaussian_lacks_no_light(blur_px: float, rng: np.random.Generator) -> None:
+    lens = Camera(fill=0.0, blur_px=blur_px)
+    outcome = measured(picture(rng, edge(lens, rows=120, columns=110, angle_deg=ANGLE)))
+    assert outcome.verdict is Verdict.PASS, outcome.reason
+    assert outcome.value is not None
+    mtf50 = outcome.value.numbers["mtf50"]
+    assert abs(mtf50.value - lens.mtf50(ANGLE)) < 2 * mtf50.uncertainty
+    # the modulus of noise is positive where the lens passes nothing
+    assert np.all((outcome.value.mtf < 4 * outcome.value.uncertainty)[outcome.value.frequencies > 1 / blur_px])
+
+
+def test_local_contrast_that_keeps_the_edge_is_within_the_uncertainty(rng: np.random.Generator) -> None:
+    lens = Camera(2.0, blur_px=1.0)
+    clean = picture(rng, edge(lens, rows=120, columns=80, angle_deg=ANGLE))
+    found = measured(clean + 0.2 * (clean - cv2.bilateralFilter(clean.astype(np.float32), -1, 0.15, 20))).value
+    assert found is not None
+    error = np.abs(found.mtf - np.abs(lens.otf(found.frequencies, ANGLE)))[found.frequencies <= 0.5]
+    assert error.max() > 0.05
+    assert np.all(error <= 2.5 * found.uncertainty[: len(error)])
 
 
 def test_light_that_a_wide_mask_takes_from_beside_the_edge_is_measured(rng: np.random.Generator) -> None:
