@@ -276,7 +276,7 @@ class Tries:
         """When the stop of each controller came; waits for those that are late."""
         names = [name for name in MARKS if not (self.place == "gone" and name == "head")]
         found: dict[str, float] = {}
-        end_s = time.monotonic() + 3.0
+        end_s = time.monotonic() + PATIENCE_S
         while len(found) < len(names) and time.monotonic() < end_s:
             come = {name: self.ports[name].come_s(MARKS[name], sent_s) for name in names}
             found = {name: at_s for name, at_s in come.items() if at_s is not None}
