@@ -47,7 +47,7 @@ def of_an_edge(raw: bool) -> Iterable[Check]:
     numbers = dict.fromkeys(("contrast", "noise", "empty", "unevenness", "end_px", "width_px"), 1.0)
     profile = SimpleNamespace(**numbers, tail_prior=Tail(0.1), tail_estimate=Tail(1.0))
     mask = Strength(1.0, 1.0)
-    evidence = Evidence([mask], [mask], *[mask] * 3, -9.0, 1.0, 9.0, 0.1, 9.0, 9.0, 1, 9.0, -9.0, 0.0, 0.0)
+    evidence = Evidence([mask], [mask], *[mask] * 4, -9.0, 1.0, 9.0, 0.1, 9.0, 9.0, 1, 9.0, -9.0, 0.0, 0.0)
     return [*edge.checks_of(SimpleNamespace(mean_slope=0.1), profile, 0.3, 0.1), *corruption_checks(evidence, raw=raw)]
 
 

@@ -37,7 +37,7 @@ def frame():
 
 @pytest.fixture(scope="module")
 def stated(frame):
-    terms = Terms(specification=Specification((Limit("mtf50", least=0.3),), "sharp"))
+    terms = Terms(specification=Specification((Limit("mtf50", least=0.35),), "sharp"))
     records = list(measure_edges(frame, None, lambda plane: Diffraction(5.6, 4.0, 550), terms))
     curves = {"frequency": np.array([0.0, 0.5]), "mtf": np.array([1.0, 0.1])}
     overlay = Overlay("before", Unit.CYCLES, {"Y": curves})
