@@ -30,14 +30,14 @@ def without_bias(
     w : (H, W) pixels; shape : of every photograph's blur, on [-1, 1]; sizes : ratio and offset of its half-width;
     picture : (C, H, W), weighs the frequencies. Where no blur would give so small a w, it is left unchanged.
     """
-    fitted, true = _found(shape, sizes, masks, picture)
+    fitted, true = _agreeing_levels(shape, sizes, masks, picture)
     rising = np.maximum.accumulate(fitted) + 1e-6 * np.arange(len(fitted))
     low, here, high = (at + np.interp(at, rising, true - rising) for at in (w - STEP / 2, w, w + STEP / 2))
     determined = w > rising[0]
     return np.where(determined, here, w), np.where(determined, np.clip((high - low) / STEP, *SLOPE), 1.0)
 
 
-def _found(
+def _agreeing_levels(
     shape: Array, sizes: Sequence[tuple[float, float]], masks: Sequence[Masks], picture: Array
 ) -> tuple[Array, Array]:
     """w of the masks that agree best with blur of the shape, and its w, (n,) each."""

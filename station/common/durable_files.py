@@ -51,7 +51,8 @@ class Unwritable(BadParameter):
 
 def check_writable(folder: Path) -> None:
     """Raises Unwritable where a folder, or the nearest existing one above it, cannot take new files."""
-    existing = next(path for path in (folder.absolute(), *folder.absolute().parents) if path.exists())
+    # os.path: a Path raises where a folder above it cannot be entered
+    existing = next(path for path in (folder.absolute(), *folder.absolute().parents) if os.path.exists(path))
     if not existing.is_dir() or not os.access(existing, os.W_OK | os.X_OK):
         number = errno.EACCES if existing.is_dir() else errno.ENOTDIR
         raise Unwritable(folder, OSError(number, os.strerror(number)))
