@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from procedures.correction.burst import Burst, BurstRegistration, gather
 from procedures.correction.checks import check_fields, check_scale, checks_of
-from procedures.correction.deconvolve import DeconvolutionTile, Splitting, balanced, deconvolve, mean_difference
+from procedures.correction.deconvolve import DeconvolutionTile, Splitting, deconvolve, mean_difference
 from procedures.correction.loss import FieldError, field_error
 from procedures.correction.mosaic import Mosaic
 from procedures.correction.noise import Noise, noise_of, with_coding
@@ -149,12 +149,11 @@ def correct(
     side = p.side or optics.side(mosaic.shape)
     splitting = p.splitting or Splitting.usual(1 + len(further))
     work = _Work(mosaic, optics, TileGrid.over(mosaic.shape, side, optics.ring), p, splitting)
-    prior, difference = work.scaled()
-    work = replace(work, how=replace(p, prior=prior))
+    difference = work.difference()
     picture = work.restored(difference, progress)
     tau = work.tau(difference)
-    prediction = predict(optics, mosaic, prior, tau, difference)
-    inputs = optics, mosaic, prior, burst.places, burst.resolved, p.scale
+    prediction = predict(optics, mosaic, p.prior, tau, difference)
+    inputs = optics, mosaic, p.prior, burst.places, burst.resolved, p.scale
     curve_error = work.curve_error(difference, development) if development and curve_unknown(development) else None
     correction = Correction(picture, noise, tau, difference, side, mosaic.clipped, prediction, *inputs, curve_error)
     return verdict_of([*checks, _smoothed(prediction, p.scale), *_sampled(burst, p.scale)], correction)
@@ -205,19 +204,30 @@ class _Work:
         strength = self.how.prior.strength * TAU[self.how.prior.name] / self.how.scale**2
         return strength * self.mosaic.variance / difference
 
-    def scaled(self) -> tuple[Prior, float]:
-        """The prior as balanced for the picture, and its mean difference, from a sample of tiles restored twice."""
-        tiles = [self._tile(start) for start in self._sample(SAMPLE_TILES)]
-        margin = self.grid.rows.margin
-        prior = self.how.prior
+    def difference(self) -> float:
+        """The picture's mean difference, from a sample of tiles restored twice, and its ratio to the photograph's."""
+        starts = self._sample(SAMPLE_TILES)
+        tiles = [self._tile(start) for start in starts]
+        prior, margin = self.how.prior, self.grid.rows.margin
         estimate = float(np.mean([mean_difference(first, prior) for _, first in tiles]))
         for _ in range(2):
             tau = self.tau(estimate)
             pictures = [deconvolve(tile, first, prior, tau, estimate, self.splitting) for tile, first in tiles]
             inner = [np.ascontiguousarray(u[:, margin:-margin, margin:-margin]) for u in pictures]
-            prior = balanced(self.how.prior, inner)
             estimate = max(float(np.mean([mean_difference(u, prior) for u in inner])), 1e-6)
-        return prior, estimate
+            estimate *= self._over_sample(starts)
+        return estimate
+
+    def _over_sample(self, starts: Sequence[tuple[int, int]]) -> float:
+        """Mean difference of neighbours in one plane of lightness over the frame, relative to that in some tiles."""
+        lightness = self.mosaic.channel.index(self.mosaic.channels // 2)
+        samples, pitch = [*self.mosaic.planes.values()][lightness].samples, self.mosaic.pitch
+        differences = np.abs(np.diff(samples, axis=1))
+        within = []
+        for start in starts:
+            spans = (_overlap(at, self.grid.rows.n, n)[0] for at, n in zip(start, self.mosaic.shape, strict=True))
+            within.append(differences[tuple(slice(one.start // pitch, one.stop // pitch) for one in spans)])
+        return float(differences.mean() / np.mean([part.mean() for part in within])) if differences.any() else 1.0
 
     def curve_error(self, difference: float, development: Development) -> CurveError:
         """Error of the picture by its tone curve, from a sample of tiles corrected under plausible ones."""
