@@ -2,11 +2,12 @@
 
 Minimise  sum_p sum_x w_p(x) (z_p(x) - (h_p * u_c(p))(x))^2 / 2  +  tau sum_x |S M D u|(x)
 
-over the colours u_c of the picture. M gives lightness and weighted colour, S(x) subtracts from differences of colour
-those expected from the differences of lightness: nearby, all colours change along a line in colour space. w_p is one over the variance of a sample, and 0 where plane p has none: where the
+over the colours u_c of the picture. w_p is one over the variance of a sample, and 0 where plane p has none: where the
 mosaic has another colour, at clipped highlights, and beyond the frame. Demosaicking, deblurring and extrapolation
-beyond the rim thus are one problem. With copies v_p = h_p * u_c and y = M D u, the part that couples pixels is diagonal
-over frequencies, and the part that couples frequencies is local to each pixel.
+beyond the rim thus are one problem. M gives lightness and weighted colour, and S(x) subtracts from the differences of
+colour those that the differences of lightness predict: near each pixel, all colours change along one line. With copies
+v_p = h_p * u_c and y = M D u, the part that couples pixels is diagonal over frequencies, and the part that couples
+frequencies is local to each pixel.
 
 Source: Almeida, Figueiredo, Deconvolving images with unknown boundaries using ADMM, IEEE TIP 22 (2013).
 """
@@ -37,15 +38,10 @@ class Splitting:
     ratio : largest of data over prior: more, and few iterations amplify what demosaicking could not determine.
     """
 
-    iterations: int = 8
+    iterations: int = 12
     data: float = 0.1
     prior: float = 0.7
     ratio: float = 70.0
-
-    @classmethod
-    def usual(cls, photographs: int) -> "Splitting":
-        """That for a number of photographs: several determine finer detail, which converges later."""
-        return cls(iterations=8 if photographs == 1 else 12)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import islice
 
@@ -47,13 +47,13 @@ half would be the maximum a posteriori value for exponentially distributed diffe
 class CorrectionParameters:
     """Parameters of a correction.
 
-    prior : of the picture; splitting : parameters of the solver, None for `Splitting.usual`; side : of the tiles in
-    pixels of the picture, None to follow the field's variation; threads : None for the number of cores; scale : pixels
-    of the picture per pixel of the sensor, along each side.
+    prior : of the picture; splitting : parameters of the solver; side : of the tiles in pixels of the picture, None to
+    follow the field's variation; threads : None for the number of cores; scale : pixels of the picture per pixel of the
+    sensor, along each side.
     """
 
     prior: Prior = field(default_factory=Prior)
-    splitting: Splitting | None = None
+    splitting: Splitting = field(default_factory=Splitting)
     side: int | None = None
     threads: int | None = None
     scale: int = 1
@@ -147,8 +147,7 @@ def correct(
     mosaic = Mosaic.of(burst.planes, burst.noise, burst.light)
     optics = PlaneFields.of(burst.planes, fields, burst.shifts)
     side = p.side or optics.side(mosaic.shape)
-    splitting = p.splitting or Splitting.usual(1 + len(further))
-    work = _Work(mosaic, optics, TileGrid.over(mosaic.shape, side, optics.ring), p, splitting)
+    work = _Work(mosaic, optics, TileGrid.over(mosaic.shape, side, optics.ring), p)
     difference = work.difference()
     picture = work.restored(difference, progress)
     tau = work.tau(difference)
@@ -194,7 +193,6 @@ class _Work:
     optics: PlaneFields
     grid: TileGrid
     how: CorrectionParameters
-    splitting: Splitting
 
     def tau(self, difference: float) -> float:
         """Strength of the prior for a mean difference of the picture.
@@ -212,7 +210,7 @@ class _Work:
         estimate = float(np.mean([mean_difference(first, prior) for _, first in tiles]))
         for _ in range(2):
             tau = self.tau(estimate)
-            pictures = [deconvolve(tile, first, prior, tau, estimate, self.splitting) for tile, first in tiles]
+            pictures = [deconvolve(tile, first, prior, tau, estimate, self.how.splitting) for tile, first in tiles]
             inner = [np.ascontiguousarray(u[:, margin:-margin, margin:-margin]) for u in pictures]
             estimate = max(float(np.mean([mean_difference(u, prior) for u in inner])), 1e-6)
             estimate *= self._over_sample(starts)
@@ -239,7 +237,7 @@ class _Work:
             for other in (curve, *plausible(development)):
                 again, begin = decoded_again(tile, first, gains, curve, other)
                 size = difference * mean_difference(begin, prior) / mean_difference(first, prior)
-                u = deconvolve(again, begin, prior, self.tau(size), size, self.splitting) * gains[:, None, None]
+                u = deconvolve(again, begin, prior, self.tau(size), size, self.how.splitting) * gains[:, None, None]
                 pictures.append((u[:, inside], other.encoded(u[:, inside])))
             assumed, *others = pictures
             squares += [[np.mean((a - b) ** 2) for a, b in zip(one, assumed, strict=True)] for one in others]
@@ -253,7 +251,7 @@ class _Work:
 
         def restore(start: tuple[int, int]) -> Answer:
             tile, first = self._tile(start)
-            u = deconvolve(tile, first, self.how.prior, tau, difference, self.splitting)
+            u = deconvolve(tile, first, self.how.prior, tau, difference, self.how.splitting)
             return start, bounded(u, first, self._noise(tile))
 
         for done, (start, u) in enumerate(_in_parallel(restore, starts, self.how.threads), start=1):
