@@ -55,15 +55,13 @@ def agree(copies: Single, before: Single, z: Single, weight: Single, dual: Singl
 def shrink(d: Single, dual: Single, threshold: np.float32, slopes: Single | None) -> None:
     """Soft-threshold the copies of the differences (K, C, n, n) by their common length; in place as `agree`.
 
-    slopes : (2, n, n) or None for one colour
-        k of the length |(l, c - k l)| of differences of lightness l and colour c. Its matrix has the singular values
-        1 / t, t and 1, with t = (|k| + sqrt(|k|^2 + 4)) / 2, along (1, t k / |k|), (-t, k / |k|), and what is
-        orthogonal to both. The threshold is the first step of Newton's method, exact for k = 0 (More and Sorensen,
-        Computing a trust region step, SIAM J. Sci. Stat. Comput. 4 (1983)).
+    slopes : (2, n, n), or None for one colour: the length is |(l, c - k l)| for slopes k of the differences of colour c
+    over those of lightness l. This matrix has the singular values 1 / t, t and 1, t = (|k| + sqrt(|k|^2 + 4)) / 2, with
+    the vectors (1, t k / |k|), (-t, k / |k|), and what is orthogonal to both. The root of the secular equation is the
+    first step of Newton's method, exact for k = 0 (More, Sorensen, SIAM J. Sci. Stat. Comput. 4 (1983), section 3).
     """
     if slopes is None:
-        flat = (d.shape[0] * d.shape[1], -1)
-        _shrink(d.reshape(flat), dual.reshape(flat), threshold)
+        _shrink(d.reshape(d.shape[0], -1), dual.reshape(d.shape[0], -1), threshold)
     else:
         flat = (d.shape[0], 3, -1)
         _shrink_colours(d.reshape(flat), dual.reshape(flat), slopes.reshape(2, -1), threshold)
