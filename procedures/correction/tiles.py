@@ -7,9 +7,9 @@ import numpy.typing as npt
 
 Single = npt.NDArray[np.float32]
 
-FADE = 8
+FADE = 16
 """Samples over which one tile fades into the next."""
-DECAY = 6
+DECAY = 12
 """Distance in samples over which the influence of a tile's rim decays."""
 
 
