@@ -1,17 +1,19 @@
 """Deconvolution of one tile from the samples of its planes: a convex problem, solved by splitting (ADMM).
 
-Minimise  sum_p sum_x w_p(x) (z_p(x) - (h_p * u_c(p))(x))^2 / 2  +  tau sum_x |M D u|(x)
+Minimise  sum_p sum_x w_p(x) (z_p(x) - (h_p * u_c(p))(x))^2 / 2  +  tau sum_x |S M D u|(x)
 
 over the colours u_c of the picture. w_p is one over the variance of a sample, and 0 where plane p has none: where the
 mosaic has another colour, at clipped highlights, and beyond the frame. Demosaicking, deblurring and extrapolation
-beyond the rim thus are one problem. With copies v_p = h_p * u_c and y = M D u, the part that couples pixels is diagonal
-over frequencies, and the part that couples frequencies is local to each pixel.
+beyond the rim thus are one problem. M gives lightness and weighted colour, and S(x) subtracts from the differences of
+colour those that the differences of lightness predict: near each pixel, all colours change along one line. With copies
+v_p = h_p * u_c and y = M D u, the part that couples pixels is diagonal over frequencies, and the part that couples
+frequencies is local to each pixel.
 
 Source: Almeida, Figueiredo, Deconvolving images with unknown boundaries using ADMM, IEEE TIP 22 (2013).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -23,8 +25,8 @@ from procedures.correction.steps import agree, differences, divergence, length, 
 Single = npt.NDArray[np.float32]
 Spectrum = npt.NDArray[np.complex64]
 
-BALANCE = 0.69
-"""Ratio of lightness to colour of a scene over that of its restored picture."""
+SMOOTH_PX, WINDOW_PX = 1.0, 15
+"""Standard deviation of the smoothing, and side of the window, of the local relation of colour to lightness."""
 
 
 @dataclass(frozen=True)
@@ -36,15 +38,10 @@ class Splitting:
     ratio : largest of data over prior: more, and few iterations amplify what demosaicking could not determine.
     """
 
-    iterations: int = 8
+    iterations: int = 12
     data: float = 0.1
     prior: float = 0.7
     ratio: float = 70.0
-
-    @classmethod
-    def usual(cls, photographs: int) -> "Splitting":
-        """That for a number of photographs: several determine finer detail, which converges later."""
-        return cls(iterations=8 if photographs == 1 else 12)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,9 +98,10 @@ def deconvolve(
     u, data_dual = start, np.zeros_like(tile.z)
     prior_dual = np.zeros((prior.kinds, *start.shape), dtype=np.float32)
     copies = np.where(tile.weight > 0, tile.z, start[list(tile.channel)])
+    slopes = _slopes(start, prior, tau * gradient) if len(start) > 1 else None
     for left in reversed(range(settings.iterations)):
         gradients = differences(mixed(M, u), prior.second)
-        shrink(gradients, prior_dual, np.float32(tau / penalty))
+        shrink(gradients, prior_dual, np.float32(tau / penalty), slopes)
         target = mixed(np.ascontiguousarray(M.T), divergence(gradients, prior.second))
         U = solver(scipy.fft.rfft2(copies), scipy.fft.rfft2(target))
         if left:
@@ -120,19 +118,25 @@ def mean_difference(u: Single, prior: Prior) -> float:
     return float(length(differences(mixed(M, np.ascontiguousarray(u)), prior.second)).mean())
 
 
-def balanced(prior: Prior, pictures: Sequence[Single]) -> Prior:
-    """The prior with the weight of colour that suits restored pictures (C, n, n): the geometric mean of the usual one
-    and the ratio of their differences of lightness and of colour, which are the smaller by their prior; at most the
-    usual one, as with more edges of grey have darker rims."""
-    if len(pictures[0]) == 1:
-        return prior
-    M, lengths = replace(prior, chroma=1.0).mixing(3).astype(np.float32), []
-    for u in pictures:
-        d = differences(mixed(M, u), prior.second)
-        lengths.append([length(d[:, :1]).mean(), length(d[:, 1:]).mean()])
-    lightness, colour = np.mean(lengths, axis=0)
-    ratio = BALANCE * float(lightness / max(colour, 1e-9))
-    return replace(prior, chroma=float(np.clip(np.sqrt(prior.chroma * ratio), 1.0, prior.chroma)))
+def _slopes(u: Single, prior: Prior, noise: float) -> Single:
+    """Local slopes (2, n, n) of the weighted differences of colour over those of lightness, by regression.
+
+    u : (C, n, n) picture, smoothed here as its finest detail is ambiguous; noise : added to the mean square difference
+    """
+    import cv2
+
+    M = prior.mixing(len(u)).astype(np.float32)
+    smooth = np.stack([cv2.GaussianBlur(one, (0, 0), SMOOTH_PX) for one in u])
+    lightness, *colours = np.moveaxis(differences(mixed(M, smooth), prior.second), 1, 0)
+    square = _local_mean(lightness * lightness) + np.float32(noise)
+    return np.stack([_local_mean(lightness * colour) / square for colour in colours])
+
+
+def _local_mean(d: Single) -> Single:
+    """Mean (n, n) over a window of the sum over kinds (K, n, n)."""
+    import cv2
+
+    return np.asarray(cv2.blur(d.sum(axis=0), (WINDOW_PX, WINDOW_PX)), dtype=np.float32)
 
 
 def _transformed_back(F: Spectrum, n: int) -> Single:

@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import islice
 
@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from procedures.correction.burst import Burst, BurstRegistration, gather
 from procedures.correction.checks import check_fields, check_scale, checks_of
-from procedures.correction.deconvolve import DeconvolutionTile, Splitting, balanced, deconvolve, mean_difference
+from procedures.correction.deconvolve import DeconvolutionTile, Splitting, deconvolve, mean_difference
 from procedures.correction.loss import FieldError, field_error
 from procedures.correction.mosaic import Mosaic
 from procedures.correction.noise import Noise, noise_of, with_coding
@@ -47,13 +47,13 @@ half would be the maximum a posteriori value for exponentially distributed diffe
 class CorrectionParameters:
     """Parameters of a correction.
 
-    prior : of the picture; splitting : parameters of the solver, None for `Splitting.usual`; side : of the tiles in
-    pixels of the picture, None to follow the field's variation; threads : None for the number of cores; scale : pixels
-    of the picture per pixel of the sensor, along each side.
+    prior : of the picture; splitting : parameters of the solver; side : of the tiles in pixels of the picture, None to
+    follow the field's variation; threads : None for the number of cores; scale : pixels of the picture per pixel of the
+    sensor, along each side.
     """
 
     prior: Prior = field(default_factory=Prior)
-    splitting: Splitting | None = None
+    splitting: Splitting = field(default_factory=Splitting)
     side: int | None = None
     threads: int | None = None
     scale: int = 1
@@ -147,14 +147,12 @@ def correct(
     mosaic = Mosaic.of(burst.planes, burst.noise, burst.light)
     optics = PlaneFields.of(burst.planes, fields, burst.shifts)
     side = p.side or optics.side(mosaic.shape)
-    splitting = p.splitting or Splitting.usual(1 + len(further))
-    work = _Work(mosaic, optics, TileGrid.over(mosaic.shape, side, optics.ring), p, splitting)
-    prior, difference = work.scaled()
-    work = replace(work, how=replace(p, prior=prior))
+    work = _Work(mosaic, optics, TileGrid.over(mosaic.shape, side, optics.ring), p)
+    difference = work.difference()
     picture = work.restored(difference, progress)
     tau = work.tau(difference)
-    prediction = predict(optics, mosaic, prior, tau, difference)
-    inputs = optics, mosaic, prior, burst.places, burst.resolved, p.scale
+    prediction = predict(optics, mosaic, p.prior, tau, difference)
+    inputs = optics, mosaic, p.prior, burst.places, burst.resolved, p.scale
     curve_error = work.curve_error(difference, development) if development and curve_unknown(development) else None
     correction = Correction(picture, noise, tau, difference, side, mosaic.clipped, prediction, *inputs, curve_error)
     return verdict_of([*checks, _smoothed(prediction, p.scale), *_sampled(burst, p.scale)], correction)
@@ -195,7 +193,6 @@ class _Work:
     optics: PlaneFields
     grid: TileGrid
     how: CorrectionParameters
-    splitting: Splitting
 
     def tau(self, difference: float) -> float:
         """Strength of the prior for a mean difference of the picture.
@@ -205,19 +202,30 @@ class _Work:
         strength = self.how.prior.strength * TAU[self.how.prior.name] / self.how.scale**2
         return strength * self.mosaic.variance / difference
 
-    def scaled(self) -> tuple[Prior, float]:
-        """The prior as balanced for the picture, and its mean difference, from a sample of tiles restored twice."""
-        tiles = [self._tile(start) for start in self._sample(SAMPLE_TILES)]
-        margin = self.grid.rows.margin
-        prior = self.how.prior
+    def difference(self) -> float:
+        """The picture's mean difference, from a sample of tiles restored twice, and its ratio to the photograph's."""
+        starts = self._sample(SAMPLE_TILES)
+        tiles = [self._tile(start) for start in starts]
+        prior, margin = self.how.prior, self.grid.rows.margin
         estimate = float(np.mean([mean_difference(first, prior) for _, first in tiles]))
         for _ in range(2):
             tau = self.tau(estimate)
-            pictures = [deconvolve(tile, first, prior, tau, estimate, self.splitting) for tile, first in tiles]
+            pictures = [deconvolve(tile, first, prior, tau, estimate, self.how.splitting) for tile, first in tiles]
             inner = [np.ascontiguousarray(u[:, margin:-margin, margin:-margin]) for u in pictures]
-            prior = balanced(self.how.prior, inner)
             estimate = max(float(np.mean([mean_difference(u, prior) for u in inner])), 1e-6)
-        return prior, estimate
+            estimate *= self._over_sample(starts)
+        return estimate
+
+    def _over_sample(self, starts: Sequence[tuple[int, int]]) -> float:
+        """Mean difference of neighbours in one plane of lightness over the frame, relative to that in some tiles."""
+        lightness = self.mosaic.channel.index(self.mosaic.channels // 2)
+        samples, pitch = [*self.mosaic.planes.values()][lightness].samples, self.mosaic.pitch
+        differences = np.abs(np.diff(samples, axis=1))
+        within = []
+        for start in starts:
+            spans = (_overlap(at, self.grid.rows.n, n)[0] for at, n in zip(start, self.mosaic.shape, strict=True))
+            within.append(differences[tuple(slice(one.start // pitch, one.stop // pitch) for one in spans)])
+        return float(differences.mean() / np.mean([part.mean() for part in within])) if differences.any() else 1.0
 
     def curve_error(self, difference: float, development: Development) -> CurveError:
         """Error of the picture by its tone curve, from a sample of tiles corrected under plausible ones."""
@@ -229,7 +237,7 @@ class _Work:
             for other in (curve, *plausible(development)):
                 again, begin = decoded_again(tile, first, gains, curve, other)
                 size = difference * mean_difference(begin, prior) / mean_difference(first, prior)
-                u = deconvolve(again, begin, prior, self.tau(size), size, self.splitting) * gains[:, None, None]
+                u = deconvolve(again, begin, prior, self.tau(size), size, self.how.splitting) * gains[:, None, None]
                 pictures.append((u[:, inside], other.encoded(u[:, inside])))
             assumed, *others = pictures
             squares += [[np.mean((a - b) ** 2) for a, b in zip(one, assumed, strict=True)] for one in others]
@@ -243,7 +251,7 @@ class _Work:
 
         def restore(start: tuple[int, int]) -> Answer:
             tile, first = self._tile(start)
-            u = deconvolve(tile, first, self.how.prior, tau, difference, self.splitting)
+            u = deconvolve(tile, first, self.how.prior, tau, difference, self.how.splitting)
             return start, bounded(u, first, self._noise(tile))
 
         for done, (start, u) in enumerate(_in_parallel(restore, starts, self.how.threads), start=1):

@@ -22,8 +22,8 @@ COLOURS = {"R": 0, "G1": 1, "G2": 1, "B": 2, "Y": 0}
 """Index of the picture's colour for each plane."""
 CHANGE, MOVE_PX = 0.03, 0.1
 """Tolerated changes within a tile: of the PSF, relative to its norm, and of lateral colour."""
-SIDES = (512, 384, 256, 192, 128)
-"""Sides of tiles, in pixels of the picture."""
+SIDES = (256, 192, 128)
+"""Sides of tiles, in pixels of the picture; larger ones do not stay in a processor's cache and take longer."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -52,10 +52,19 @@ def agree(copies: Single, before: Single, z: Single, weight: Single, dual: Singl
     _agree(copies.reshape(-1), before.reshape(-1), z.reshape(-1), weight.reshape(-1), dual.reshape(-1), rho)
 
 
-def shrink(d: Single, dual: Single, threshold: np.float32) -> None:
-    """Soft-threshold the copies of the differences (K, C, n, n) by their common length; in place as `agree`."""
-    flat = (d.shape[0] * d.shape[1], -1)
-    _shrink(d.reshape(flat), dual.reshape(flat), threshold)
+def shrink(d: Single, dual: Single, threshold: np.float32, slopes: Single | None) -> None:
+    """Soft-threshold the copies of the differences (K, C, n, n) by their common length; in place as `agree`.
+
+    slopes : (2, n, n), or None for one colour: the length is |(l, c - k l)| for slopes k of the differences of colour c
+    over those of lightness l. This matrix has the singular values 1 / t, t and 1, t = (|k| + sqrt(|k|^2 + 4)) / 2, with
+    the vectors (1, t k / |k|), (-t, k / |k|), and what is orthogonal to both. The root of the secular equation is the
+    first step of Newton's method, exact for k = 0 (More, Sorensen, SIAM J. Sci. Stat. Comput. 4 (1983), section 3).
+    """
+    if slopes is None:
+        _shrink(d.reshape(d.shape[0], -1), dual.reshape(d.shape[0], -1), threshold)
+    else:
+        flat = (d.shape[0], 3, -1)
+        _shrink_colours(d.reshape(flat), dual.reshape(flat), slopes.reshape(2, -1), threshold)
 
 
 def solve(
@@ -108,6 +117,71 @@ def _shrink(d: Single, dual: Single, threshold: np.float32) -> None:
                 y = kept[i] * x[i]
                 m[i] = y - x[i]
                 x[i] = y + m[i]
+
+
+@vectorised
+def _shrink_colours(d: Single, dual: Single, slopes: Single, threshold: np.float32) -> None:
+    one, zero = np.float32(1), np.float32(0)
+    u, v, t, scale = np.empty((4, BLOCK), np.float32)
+    a, b, c = np.empty((3, BLOCK), np.float32)
+    p, q, o = np.empty((3, BLOCK), np.float32)
+    for start in range(0, d.shape[2], BLOCK):
+        count = min(BLOCK, d.shape[2] - start)
+        part = slice(start, start + count)
+        first, second = slopes[0, part], slopes[1, part]
+        for i in range(count):
+            k = np.sqrt(first[i] * first[i] + second[i] * second[i] + TINY)
+            t[i] = np.float32(0.5) * (k + np.sqrt(k * k + np.float32(4)))
+            u[i], v[i] = first[i] / k, second[i] / k
+        for i in range(count):
+            scale[i] = one / (one + t[i] * t[i])
+        a[:], b[:], c[:] = zero, zero, zero
+        for kind in range(d.shape[0]):
+            for channel in range(3):
+                x, m = d[kind, channel, part], dual[kind, channel, part]
+                for i in range(count):
+                    x[i] -= m[i]
+            x, y, z = d[kind, 0, part], d[kind, 1, part], d[kind, 2, part]
+            for i in range(count):
+                p[i] = u[i] * y[i] + v[i] * z[i]
+                across = u[i] * z[i] - v[i] * y[i]
+                c[i] += across * across
+            for i in range(count):
+                along, against = x[i] + t[i] * p[i], p[i] - t[i] * x[i]
+                a[i] += scale[i] * along * along
+                b[i] += scale[i] * against * against
+        for i in range(count):
+            high = t[i] * t[i]
+            low = one / high
+            square = high * a[i] + low * b[i] + c[i] + TINY
+            cube = high * high * a[i] + low * low * b[i] + c[i] + TINY
+            kept = max((np.sqrt(square) / threshold - one) * square / cube, zero)
+            a[i] = kept / (kept + low) * scale[i]
+            b[i] = kept / (kept + high) * scale[i]
+            c[i] = kept / (kept + one)
+        for kind in range(d.shape[0]):
+            x, y, z = d[kind, 0, part], d[kind, 1, part], d[kind, 2, part]
+            for i in range(count):
+                p[i] = u[i] * y[i] + v[i] * z[i]
+                o[i] = c[i] * (u[i] * z[i] - v[i] * y[i])
+            for i in range(count):
+                along, against = a[i] * (x[i] + t[i] * p[i]), b[i] * (p[i] - t[i] * x[i])
+                q[i] = along - t[i] * against
+                p[i] = t[i] * along + against
+            _reflect(x, dual[kind, 0, part], q)
+            for i in range(count):
+                q[i] = u[i] * p[i] - v[i] * o[i]
+                p[i] = v[i] * p[i] + u[i] * o[i]
+            _reflect(y, dual[kind, 1, part], q)
+            _reflect(z, dual[kind, 2, part], p)
+
+
+@vectorised
+def _reflect(x: Single, dual: Single, kept: Single) -> None:
+    """Update the dual of x by what is kept of it, and reflect x at it."""
+    for i in range(x.size):
+        dual[i] = kept[i] - x[i]
+        x[i] = kept[i] + dual[i]
 
 
 @vectorised

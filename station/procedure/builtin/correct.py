@@ -27,10 +27,7 @@ class CorrectSettings(RawLayout, frozen=True, kw_only=True):
     strength: Annotated[
         float, setting("Of the prior; 1 is what the photograph's noise asks for.", least=0.01, most=100)
     ] = 1.0
-    iterations: (
-        Annotated[int, setting("Iterations of the solver.  [default: 8; 12 of several photographs]", least=1, most=500)]
-        | None
-    ) = None
+    iterations: Annotated[int, setting("Iterations of the solver.", least=1, most=500)] = 12
     field: (
         Annotated[
             Path,
@@ -66,7 +63,7 @@ class CorrectSettings(RawLayout, frozen=True, kw_only=True):
 
         return CorrectionParameters(
             prior=Prior(self.prior, strength=self.strength), side=self.tile_px, scale=self.scale,
-            splitting=Splitting(self.iterations) if self.iterations else None,
+            splitting=Splitting(self.iterations),
         )  # fmt: skip
 
 
@@ -93,7 +90,6 @@ class Correct(Procedure[CorrectSettings]):
         return [_field(paths, settings)]
 
     def measured(self, paths: Sequence[Path], settings: CorrectSettings, progress: Progress) -> Measurement:
-        from procedures.correction.deconvolve import Splitting
         from station.calibration.correction import (
             TypedAperture,
             correct_photographs,
@@ -108,11 +104,9 @@ class Correct(Procedure[CorrectSettings]):
             frames, field, settings.parameters, _by_hundredths(progress), insisted=settings.insist,
             typed=TypedAperture(settings.f_number, settings.pixel_pitch_um) if settings.f_number else None,
         )  # fmt: skip
-        used = settings.parameters.splitting or Splitting.usual(len(paths))
         given = {
             **to_record(settings),
             "field": str(settings.field or field),
-            "iterations": used.iterations,
             "tile_px": str(settings.tile_px or "auto"),
         }
         given = {name: one for name, one in given.items() if (name, one) not in _USUAL}
