@@ -25,6 +25,8 @@ from procedures.correction.steps import agree, differences, divergence, length, 
 Single = npt.NDArray[np.float32]
 Spectrum = npt.NDArray[np.complex64]
 
+DETAIL_PX = 1.5
+"""Standard deviation of the smoothing of a photograph whose detail is measured."""
 SMOOTH_PX, WINDOW_PX = 1.0, 15
 """Standard deviation of the smoothing, and side of the window, of the local relation of colour to lightness."""
 
@@ -116,6 +118,14 @@ def mean_difference(u: Single, prior: Prior) -> float:
     """Mean length of a picture's differences (C, n, n) in the metric of the prior."""
     M = prior.mixing(len(u)).astype(np.float32)
     return float(length(differences(mixed(M, np.ascontiguousarray(u)), prior.second)).mean())
+
+
+def detail(u: Single) -> float:
+    """Mean length of the differences of the lightness of a picture (C, n, n), smoothed against noise."""
+    import cv2
+
+    smooth = cv2.GaussianBlur(u.mean(axis=0), (0, 0), DETAIL_PX)
+    return float(length(differences(np.asarray(smooth, dtype=np.float32)[None], second=False)).mean())
 
 
 def _slopes(u: Single, prior: Prior, noise: float) -> Single:

@@ -1,5 +1,6 @@
 """Correction of photographs by their fields: checks, balancing, restoration by tiles, verdict."""
 
+import math
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -12,7 +13,7 @@ import numpy.typing as npt
 
 from procedures.correction.burst import Burst, BurstRegistration, gather
 from procedures.correction.checks import check_fields, check_scale, checks_of
-from procedures.correction.deconvolve import DeconvolutionTile, Splitting, deconvolve, mean_difference
+from procedures.correction.deconvolve import DeconvolutionTile, Splitting, deconvolve, detail, mean_difference
 from procedures.correction.loss import FieldError, field_error
 from procedures.correction.mosaic import Mosaic
 from procedures.correction.noise import Noise, noise_of, with_coding
@@ -38,9 +39,12 @@ SAMPLE_TILES, CURVE_TILES = 8, 4
 """Tiles for estimating the picture's mean difference before the whole is restored, and the error of a tone curve."""
 LEAST_RESOLVED = 0.5
 """Smallest resolved fraction of the frequencies of a finer grid."""
-TAU = {"total-variation": 0.6, "second-order": 0.25}
+TAU = {"total-variation": 0.75, "second-order": 0.25}
 """Strength of a prior, variance over mean difference, with the best results on pictures of people and things; twice the
 half would be the maximum a posteriori value for exponentially distributed differences."""
+
+LEAST_DIFFERENCE = 1e-6
+"""Mean difference of a tile without any detail."""
 
 
 @dataclass(frozen=True)
@@ -148,12 +152,12 @@ def correct(
     optics = PlaneFields.of(burst.planes, fields, burst.shifts)
     side = p.side or optics.side(mosaic.shape)
     work = _Work(mosaic, optics, TileGrid.over(mosaic.shape, side, optics.ring), p)
-    difference = work.difference()
-    picture = work.restored(difference, progress)
+    gain = work.gain()
+    picture, difference = work.restored(gain, progress)
     tau = work.tau(difference)
     prediction = predict(optics, mosaic, p.prior, tau, difference)
     inputs = optics, mosaic, p.prior, burst.places, burst.resolved, p.scale
-    curve_error = work.curve_error(difference, development) if development and curve_unknown(development) else None
+    curve_error = work.curve_error(gain, development) if development and curve_unknown(development) else None
     correction = Correction(picture, noise, tau, difference, side, mosaic.clipped, prediction, *inputs, curve_error)
     return verdict_of([*checks, _smoothed(prediction, p.scale), *_sampled(burst, p.scale)], correction)
 
@@ -202,32 +206,19 @@ class _Work:
         strength = self.how.prior.strength * TAU[self.how.prior.name] / self.how.scale**2
         return strength * self.mosaic.variance / difference
 
-    def difference(self) -> float:
-        """The picture's mean difference, from a sample of tiles restored twice, and its ratio to the photograph's."""
-        starts = self._sample(SAMPLE_TILES)
-        tiles = [self._tile(start) for start in starts]
+    def gain(self) -> float:
+        """The picture's mean difference over the photograph's detail, from a sample of tiles restored twice."""
+        tiles = [self._tile(start) for start in self._sample(SAMPLE_TILES)]
         prior, margin = self.how.prior, self.grid.rows.margin
         estimate = float(np.mean([mean_difference(first, prior) for _, first in tiles]))
         for _ in range(2):
             tau = self.tau(estimate)
             pictures = [deconvolve(tile, first, prior, tau, estimate, self.how.splitting) for tile, first in tiles]
             inner = [np.ascontiguousarray(u[:, margin:-margin, margin:-margin]) for u in pictures]
-            estimate = max(float(np.mean([mean_difference(u, prior) for u in inner])), 1e-6)
-            estimate *= self._over_sample(starts)
-        return estimate
+            estimate = max(float(np.mean([mean_difference(u, prior) for u in inner])), LEAST_DIFFERENCE)
+        return estimate / max(float(np.mean([detail(first) for _, first in tiles])), LEAST_DIFFERENCE)
 
-    def _over_sample(self, starts: Sequence[tuple[int, int]]) -> float:
-        """Mean difference of neighbours in one plane of lightness over the frame, relative to that in some tiles."""
-        lightness = self.mosaic.channel.index(self.mosaic.channels // 2)
-        samples, pitch = [*self.mosaic.planes.values()][lightness].samples, self.mosaic.pitch
-        differences = np.abs(np.diff(samples, axis=1))
-        within = []
-        for start in starts:
-            spans = (_overlap(at, self.grid.rows.n, n)[0] for at, n in zip(start, self.mosaic.shape, strict=True))
-            within.append(differences[tuple(slice(one.start // pitch, one.stop // pitch) for one in spans)])
-        return float(differences.mean() / np.mean([part.mean() for part in within])) if differences.any() else 1.0
-
-    def curve_error(self, difference: float, development: Development) -> CurveError:
+    def curve_error(self, gain: float, development: Development) -> CurveError:
         """Error of the picture by its tone curve, from a sample of tiles corrected under plausible ones."""
         curve, gains, prior = development.curve, self.mosaic.gains, self.how.prior
         squares = []
@@ -236,22 +227,24 @@ class _Work:
             inside, pictures = self._window(start) > 0, []
             for other in (curve, *plausible(development)):
                 again, begin = decoded_again(tile, first, gains, curve, other)
-                size = difference * mean_difference(begin, prior) / mean_difference(first, prior)
+                size = max(gain * detail(begin), LEAST_DIFFERENCE)
                 u = deconvolve(again, begin, prior, self.tau(size), size, self.how.splitting) * gains[:, None, None]
                 pictures.append((u[:, inside], other.encoded(u[:, inside])))
             assumed, *others = pictures
             squares += [[np.mean((a - b) ** 2) for a, b in zip(one, assumed, strict=True)] for one in others]
         return CurveError(*(float(rms) for rms in np.sqrt(np.mean(squares, axis=0))))
 
-    def restored(self, difference: float, progress: Progress) -> Single:
-        """The whole picture, in the photograph's units."""
+    def restored(self, gain: float, progress: Progress) -> tuple[Single, float]:
+        """The whole picture, in the photograph's units, and its mean difference; each tile has its own strength."""
         rows, columns = self.mosaic.shape
         out = np.zeros((self.mosaic.channels, rows, columns), dtype=np.float32)
-        tau, starts = self.tau(difference), list(self.grid)
+        starts, sizes = list(self.grid), list[float]()
 
         def restore(start: tuple[int, int]) -> Answer:
             tile, first = self._tile(start)
-            u = deconvolve(tile, first, self.how.prior, tau, difference, self.how.splitting)
+            size = max(gain * detail(first), LEAST_DIFFERENCE)
+            sizes.append(size)
+            u = deconvolve(tile, first, self.how.prior, self.tau(size), size, self.how.splitting)
             return start, bounded(u, first, self._noise(tile))
 
         for done, (start, u) in enumerate(_in_parallel(restore, starts, self.how.threads), start=1):
@@ -260,7 +253,7 @@ class _Work:
             out[:, y, x] += window[ys, xs] * u[:, ys, xs]
             progress(done, len(starts))
         out *= self.mosaic.gains[:, None, None]
-        return out
+        return out, math.fsum(sizes) / len(sizes)
 
     def _sample(self, count: int) -> list[tuple[int, int]]:
         """Starts of some tiles, evenly over the frame."""
