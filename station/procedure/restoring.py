@@ -85,8 +85,9 @@ def restored(name: str, paths: Sequence[Path], settings: RestoreSettings, progre
         outcome = blur.coloured(outcome, [frame.planes for frame in frames])
     distances = None
     if lenses and outcome.value is not None:
-        distances = _distances(outcome.value, photographs, blur.masks, lenses, settings)
-        outcome = _judged(outcome, distances)
+        w, distances = _distances(outcome.value, photographs, blur.masks, lenses, settings)
+        # one depth in every file: distances follow from w.npy by the lens equation
+        outcome = _judged(replace(outcome, value=replace(outcome.value, w=w)), distances)
     outcome = developed.judged(outcome, frames)
     if truth is not None:
         outcome = compare_to_ground_truth(outcome, [one.planes for one in frames], truth.planes)
@@ -228,13 +229,14 @@ def _with_lenses(settings: RestoreSettings, lenses: Sequence[CameraSetting]) -> 
 def _distances(
     restoration: Restoration, photographs: Sequence[Array], masks: Sequence[Masks], lenses: Sequence[CameraSetting],
     settings: RestoreSettings,
-) -> Distances:  # fmt: skip
+) -> tuple[Array, Distances]:  # fmt: skip
+    """w (H, W) without the masks' bias, and the distances from it."""
     z, shape = np.stack(photographs), named(settings.shape[0])
     aligned = register(z, trust_of(z), masks).z
     assert shape is not None, "settings with metres have a shape by name"
     w, spread = depth_spread(restoration, list(aligned), masks, shape, _sizes(settings, lenses))
     known = CameraUncertainty(settings.camera_uncertainty, settings.camera_uncertainty)
-    return distances_of(w, spread, lenses[0], str(settings.metres), known)
+    return w, distances_of(w, spread, lenses[0], str(settings.metres), known)
 
 
 def _judged(outcome: Outcome[Restoration], distances: Distances) -> Outcome[Restoration]:

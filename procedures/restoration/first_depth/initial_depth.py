@@ -1,7 +1,7 @@
 """First depth map from the photographs alone, assuming uniform blur around each pixel.
 
 Algorithm II (chapter 7) for symmetric blurs, Algorithm III (8.1) for any, and the default: Algorithm III with whitened
-differences and labels matched over the whole frame. Each has its confidence.
+differences and labels matched over the whole frame.
 """
 
 from collections.abc import Sequence
@@ -35,8 +35,6 @@ LEAST_W = 0.3
 """Smallest w to try, pixels: below it depths are indistinguishable."""
 FLOOR = 1e-3
 """Limits the amplification of frequencies that neither photograph passes."""
-DISTINCT = 3
-"""Levels from the least cost to the next minimum that counts for the confidence."""
 
 # Semi-global matching of the whitened costs, which are chi-squares near 1 per channel at the truth.
 WINDOW, WIDENED = 5, 0.25
@@ -55,11 +53,10 @@ LEAST_SIGMA = 1.4e-3
 
 @dataclass(frozen=True)
 class DepthStart:
-    """A first depth: w (H, W) pixels, its confidence in [0, 1], and where the photographs agree with it: not at depth
-    edges, which Algorithms II and III do not mark."""
+    """A first depth: w (H, W) pixels, and where the photographs agree with it: not at depth edges, which Algorithms II
+    and III do not mark."""
 
     w: Array
-    confidence: Array
     trusted: NDArray[np.bool_]
 
 
@@ -97,9 +94,7 @@ def algorithm_2(
     noise = z.shape[1] * sigma**2 / 2 * float(np.sum(response**2))
     w = _width(product / np.maximum(power - noise, noise + 1e-20), stacks, direction)
     w = _from_nearest(w, round(window / 2))
-    return DepthStart(
-        np.asarray(median_filter(w, MEDIAN)), power / (power + 10 * noise + 1e-20), np.zeros(w.shape, bool)
-    )
+    return DepthStart(np.asarray(median_filter(w, MEDIAN)), np.zeros(w.shape, bool))
 
 
 @over_frame
@@ -178,8 +173,9 @@ def cost_volume(
     volume = np.zeros((H, W, len(levels)), np.float32)
     for n, w in enumerate(levels):
         masks = [_spectra(s, float(w), shape) for s in stacks]
+        powers = [mask.real**2 + mask.imag**2 for mask in masks]
         for a, b in combinations(range(len(z)), 2):
-            passed = sigmas[a] ** 2 * np.abs(masks[b]) ** 2 + sigmas[b] ** 2 * np.abs(masks[a]) ** 2
+            passed = sigmas[a] ** 2 * powers[b] + sigmas[b] ** 2 * powers[a]
             noise = passed + (sigmas[a] ** 2 + sigmas[b] ** 2) / 2 * FLOOR
             scale = np.sqrt(noise) if whiten else 1.0
             d = irfft2((spectra[a] * masks[b] - spectra[b] * masks[a]) / scale, shape, workers=most_threads())
@@ -207,23 +203,12 @@ def least_level(cost: Array, levels: Array) -> Array:
     return np.asarray(levels[k[..., 0]] + shift * (levels[1] - levels[0]))
 
 
-def confidence_of(cost: F32) -> Array:
-    """1 - least cost / least cost at least `DISTINCT` levels away: near 0 where texture is insufficient."""
-    confidence = np.empty(cost.shape[:2])
-    levels = np.arange(cost.shape[2])
-    for y, row in enumerate(cost):  # row by row: a second volume of a large photograph would not fit into memory
-        best = row.argmin(axis=1)[:, None]
-        second = np.where(np.abs(levels - best) >= DISTINCT, row, np.inf).min(axis=1)
-        confidence[y] = 1 - np.take_along_axis(row, best, axis=1)[:, 0] / np.maximum(second, 1e-20)
-    return np.clip(confidence, 0, 1)
-
-
 def algorithm_3(z: Array, stacks: Sequence[Masks], sigmas: Array) -> DepthStart:
     """Depth from blur (8.1): minimal noise-compensated difference over the levels, then a median."""
     levels = levels_of(stacks)
     cost = cost_volume(z, stacks, sigmas, levels, 9, whiten=False)
     w = np.asarray(median_filter(levels[cost.argmin(axis=2)], 13))
-    return DepthStart(w, confidence_of(cost), np.zeros(w.shape, bool))
+    return DepthStart(w, np.zeros(w.shape, bool))
 
 
 def matched(z: Array, stacks: Sequence[Masks], sigmas: Array) -> DepthStart:
@@ -240,7 +225,6 @@ def matched(z: Array, stacks: Sequence[Masks], sigmas: Array) -> DepthStart:
 def _matched_at(z: Array, stacks: Sequence[Masks], sigmas: Array, levels: Array) -> DepthStart:
     volume = cost_volume(z, stacks, sigmas, levels, WINDOW, even=WIDENED)
     volume /= z.shape[1] * len(z) * (len(z) - 1) // 2
-    confidence = confidence_of(volume)
     # in place: cap (1 - exp(-cost / cap))
     volume /= -CAP
     np.expm1(volume, out=volume)
@@ -249,7 +233,7 @@ def _matched_at(z: Array, stacks: Sequence[Masks], sigmas: Array, levels: Array)
     w = np.asarray(median_filter(least_level(semi_global(volume, SMALL, LARGE), levels), SMOOTHED_PX))
     nearest = np.clip(np.rint((w - levels[0]) / (levels[1] - levels[0])), 0, len(levels) - 1).astype(np.int64)
     cost = np.take_along_axis(volume, nearest[..., None], axis=2)[..., 0] / inside
-    return DepthStart(w, confidence, cost < CAP * (1 - np.exp(-FITS / CAP)))
+    return DepthStart(w, cost < CAP * (1 - np.exp(-FITS / CAP)))
 
 
 def _inside(shape: tuple[int, ...], R: int) -> F32:

@@ -97,7 +97,7 @@ def first_depth(z: Array, stacks: Sequence[Masks], sigma: float, p: RestorationP
     """The first depth by the chosen algorithm; that of a flat scene where it is known."""
     if p.flat_w is not None:
         flat = np.full(z.shape[2:], p.flat_w)
-        return initial_depth.DepthStart(flat, np.ones(flat.shape), np.ones(flat.shape, bool))
+        return initial_depth.DepthStart(flat, np.ones(flat.shape, bool))
     sigmas = np.full(len(z), max(sigma, initial_depth.LEAST_SIGMA))
     if p.depth_start == "symmetric":
         return initial_depth.algorithm_2(z, stacks, sigma, direction=p.symmetric_axis)

@@ -10,7 +10,7 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import fft2
+from scipy.fft import fft2, rfft2
 from scipy.ndimage import map_coordinates
 
 from procedures.restoration.joint.data_term import DataTerm
@@ -104,19 +104,23 @@ def separated(
 
 def band_powers(images: Array, others: Array | None = None) -> Array:
     """Mean power of images (..., H, W) in every band of frequencies, (BANDS,), or cross power with others."""
-    shape = (images.shape[-2], images.shape[-1])
-    spectra = _spectra(images)
-    other = spectra if others is None else _spectra(others)
-    rings, mean = rings_of(shape), (spectra * other.conj()).real.reshape(-1, *shape).mean(axis=0)
-    return np.array([mean[rings == band].mean() for band in range(BANDS)])
+    H, W = images.shape[-2:]
+    spectra = rfft2(_windowed(images), workers=most_threads())
+    other = spectra if others is None else rfft2(_windowed(others), workers=most_threads())
+    mean = (spectra.real * other.real + spectra.imag * other.imag).reshape(-1, H, W // 2 + 1).mean(axis=0)
+    twice = np.full(mean.shape, 2.0)  # the spectrum of a real image is symmetric
+    twice[:, 0] = twice[:, W // 2 + W % 2 :] = 1.0
+    ring = rings_of((H, W))[:, : W // 2 + 1].ravel() + 1
+    power, count = (np.bincount(ring, of.ravel(), BANDS + 1)[1:] for of in (twice * mean, twice))
+    return np.asarray(power / count)
 
 
-def _spectra(images: Array) -> NDArray[np.complex128]:
-    """Spectra of images (..., H, W) under a window of mean square 1 / (H W), without their mean."""
+def _windowed(images: Array) -> Array:
+    """Images (..., H, W) without their mean, under a window of mean square 1 / (H W)."""
     window = np.outer(*(np.hanning(n + 2)[1:-1] for n in images.shape[-2:]))
     window /= np.sqrt(np.sum(window**2))
     level = np.sum(images * window, axis=(-2, -1), keepdims=True) / window.sum()
-    return np.asarray(fft2((images - level) * window, workers=most_threads()))
+    return np.asarray((images - level) * window)
 
 
 SECTORS = 4
@@ -160,7 +164,7 @@ def tile_powers(*images: Array) -> TilePowers:
     for image in images:
         wide = _whole_tiles(image.astype(np.float64))
         for (i, y), (j, x) in product(*(enumerate(along) for along in starts)):
-            spectra = np.abs(_spectra(wide[..., y : y + SIZE, x : x + SIZE])) ** 2
+            spectra = np.abs(fft2(_windowed(wide[..., y : y + SIZE, x : x + SIZE]), workers=most_threads())) ** 2
             powers[i, j] += spectra.reshape(-1, SIZE, SIZE).mean(axis=0)
     return TilePowers(powers, (starts[0] + SIZE // 2, starts[1] + SIZE // 2), frame)
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from procedures.restoration.masks.array_loops import in_bands, most_threads
+from procedures.restoration.masks.array_loops import in_bands, threads_for
 from procedures.restoration.masks.kernels import gather, pairs_of, spread
 
 Array = NDArray[np.floating[Any]]
@@ -94,10 +94,11 @@ class BlurOperator:
         scaled = np.clip(w, 0, self.stack.max_w) / self.stack.step
         self.level = np.minimum(scaled.astype(np.int32), len(self.stack.masks) - 2)
         self.f = (scaled - self.level).astype(self.dtype)
+        pixels = self._work[self.level]
         if active is not None:
-            self.level[~active] = -1
-        work = np.where(self.level < 0, 0, self._work[self.level]).sum(axis=1)
-        threads = int(np.clip(work.sum() // WORK_PER_THREAD, 1, most_threads()))
+            self.level[~active], pixels[~active] = -1, 0
+        work = pixels.sum(axis=1)
+        threads = threads_for(int(work.sum()) // WORK_PER_THREAD)
         R = self.stack.R
         self._bands, self._rows = _bands(work, threads), _bands(work[R : R + self.shape[0]], threads)
 

@@ -21,6 +21,8 @@ Array = NDArray[np.floating[Any]]
 TAIL = 5.0
 """Half-width of the line's support, in widths of the line."""
 APERTURE_PX = 0.3
+CUBIC = 4
+"""Control points that an instant of a cubic spline depends on."""
 
 
 @jitted(nogil=True, error_model="numpy")
@@ -28,10 +30,10 @@ def line_mask(path: Array, R: int, sigma: float) -> Array:
     """Mask (2R + 1, 2R + 1) of a path (T, 2) at equal times, a line of width sigma, of sum 1 less the light outside."""
     size = 2 * R + 1
     out, across, down = np.zeros((size, size)), np.zeros(size), np.zeros(size)
-    whole = 0.0
+    whole, slower = 0.0, np.exp(-1 / (SAMPLES * sigma) ** 2)
     for t in range(len(path)):
-        left, right, light = _shares(path[t, 0], R, sigma, across)
-        top, bottom, more = _shares(path[t, 1], R, sigma, down)
+        left, right, light = _shares(path[t, 0], R, sigma, slower, across)
+        top, bottom, more = _shares(path[t, 1], R, sigma, slower, down)
         whole += light * more
         for i in range(top, bottom):
             for j in range(left, right):
@@ -53,12 +55,12 @@ def line_mask_change(
     out, across, down, right, lower = (
         np.zeros((size, size)), np.zeros(size), np.zeros(size), np.zeros(size), np.zeros(size),
     )  # fmt: skip
-    changes, row_of = np.zeros((size * size, 2 * points)), np.full(size * size, -1)
-    pixels, whole = np.empty(size * size, np.int64), 0.0
+    changes, row_of = np.empty((size * size, 2 * points)), np.full(size * size, -1)
+    pixels, whole, slower = np.empty(size * size, np.int64), 0.0, np.exp(-1 / (SAMPLES * sigma) ** 2)
     count = 0
     for t in range(len(path)):
-        left, stop, light = _shares(path[t, 0], R, sigma, across)
-        top, bottom, more = _shares(path[t, 1], R, sigma, down)
+        left, stop, light = _shares(path[t, 0], R, sigma, slower, across)
+        top, bottom, more = _shares(path[t, 1], R, sigma, slower, down)
         first, last = _share_changes(path[t, 0], R, sigma, right)
         upper, lowest = _share_changes(path[t, 1], R, sigma, lower)
         whole += light * more
@@ -66,38 +68,42 @@ def line_mask_change(
             for j in range(left, stop):
                 out[i, j] += down[i] * across[j]
             for j in range(first, last):
-                change = down[i] * right[j]
-                count = _add_change(changes, row_of, pixels, count, i * size + j, begins[t], change, values[t])
+                at, change = begins[t], down[i] * right[j]
+                count = _add_change(changes, row_of, pixels, count, i * size + j, at, change, values, t)
         for i in range(upper, lowest):
             for j in range(left, stop):
                 at, change = points + begins[t], lower[i] * across[j]
-                count = _add_change(changes, row_of, pixels, count, i * size + j, at, change, values[t])
-    return out / max(whole, 1e-9), pixels[:count], changes[:count] / len(path)
+                count = _add_change(changes, row_of, pixels, count, i * size + j, at, change, values, t)
+    changes = changes[:count]
+    changes /= len(path)
+    return out / max(whole, 1e-9), pixels[:count], changes
 
 
 @numba.njit(error_model="numpy")
 def _add_change(
     changes: Array, row_of: NDArray[np.int64], pixels: NDArray[np.int64], count: int, pixel: int, begin: int,
-    change: float, values: Array,
+    change: float, values: Array, t: int,
 ) -> int:  # fmt: skip
-    """Add values times `change` from `begin` on to a pixel's row of `changes`; returns the number of pixels so far."""
+    """Add values[t] times `change` from `begin` on to a pixel's row of `changes`; the number of pixels so far."""
     if row_of[pixel] < 0:
         row_of[pixel], pixels[count] = count, pixel
+        changes[count] = 0
         count += 1
-    for m in range(len(values)):
-        changes[row_of[pixel], begin + m] += change * values[m]
+    row = row_of[pixel]
+    for m in range(CUBIC):
+        changes[row, begin + m] += change * values[t, m]
     return count
 
 
 @numba.njit(error_model="numpy")
-def _shares(x: float, R: int, sigma: float, out: Array) -> tuple[int, int, float]:
+def _shares(x: float, R: int, sigma: float, slower: float, out: Array) -> tuple[int, int, float]:
     """Light of an instant at x in each of 2R + 1 pixels, its range and sum: a Gaussian's samples by recurrence; only
-    those of `out` are set."""
+    those of `out` are set. slower : ratio of the growth of neighbouring samples, exp(-1 / (SAMPLES sigma)^2)."""
     place, step = (x + R + 0.5) * SAMPLES - 0.5, 1 / (SAMPLES * sigma)
     first, last = int(np.ceil(place - TAIL / step)), int(np.floor(place + TAIL / step))
     away = (first - place) * step
     share = step / np.sqrt(2 * np.pi) * np.exp(-away * away / 2)
-    growth, slower = np.exp(-step * (away + step / 2)), np.exp(-step * step)
+    growth = np.exp(-step * (away + step / 2))
     light, k, begin, end = 0.0, first, 2 * R + 1, 0
     while k <= last:
         pixel = k // SAMPLES
@@ -119,6 +125,8 @@ def _share_changes(x: float, R: int, sigma: float, out: Array) -> tuple[int, int
     """Derivatives of the shares with respect to x, without the effect of sampling; see `_shares`."""
     first = max(int(np.ceil(x - TAIL * sigma + R + 0.5)), 0)
     last = min(int(np.floor(x + TAIL * sigma + R + 0.5)), 2 * R + 1)
+    if last < first:  # within a pixel
+        return 0, 0
     begin, end = max(first - 1, 0), min(last + 1, 2 * R + 1)
     for k in range(begin, end):
         out[k] = 0.0

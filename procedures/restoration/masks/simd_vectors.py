@@ -11,71 +11,76 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic, models, register_model
 
-LANES = 16
-"""Numbers in a vector: two registers of AVX, one of AVX-512; 8 took 14 to 40 % longer for masks 9 to 13 wide."""
+LANES, FEWER_LANES = 16, 8
+"""Numbers in a vector: two registers of AVX, one of AVX-512; vectors of 8 take half of the time for masks up to 7 wide,
+but 14 to 40 % longer for those 9 to 13 wide."""
 
 _INDEX = ir.IntType(32)
 
 
 class Lanes(types.Type):
-    """The type of a vector of `LANES` numbers of one kind."""
+    """The type of a vector of `count` numbers of one kind."""
 
-    def __init__(self, dtype: Any) -> None:
-        self.dtype = dtype
-        super().__init__(name=f"Lanes({dtype})")
+    def __init__(self, dtype: Any, count: int) -> None:
+        self.dtype, self.count = dtype, count
+        super().__init__(name=f"Lanes({dtype}, {count})")
 
 
 @register_model(Lanes)
 class _LanesModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Lanes) -> None:
-        super().__init__(manager, kind, ir.VectorType(manager.lookup(kind.dtype).get_value_type(), LANES))  # type: ignore[no-untyped-call]  # numba's own
+        super().__init__(manager, kind, ir.VectorType(manager.lookup(kind.dtype).get_value_type(), kind.count))  # type: ignore[no-untyped-call]  # numba's own
 
 
 def _emitted(function: Callable[..., Any]) -> Any:
-    """An operation for compiled functions that omits the typing context, the first argument of `function`."""
-    return intrinsic(function)
+    """An operation for compiled functions that omits the typing context, the first argument of `function`; a number of
+    lanes is a constant."""
+    return intrinsic(prefer_literal=True)(function)
 
 
-def _place(context: Any, builder: Any, kind: Any, array: Any, at: Any) -> Any:
-    """Address of LANES entries of a flat array from index `at` on."""
+def _place(context: Any, builder: Any, kind: Any, count: int, array: Any, at: Any) -> Any:
+    """Address of `count` entries of a flat array from index `at` on."""
     data = context.make_array(kind)(context, builder, array).data
-    vector = ir.VectorType(context.get_value_type(kind.dtype), LANES)
+    vector = ir.VectorType(context.get_value_type(kind.dtype), count)
     return builder.bitcast(builder.gep(data, [at]), vector.as_pointer())
 
 
 @_emitted
-def load(_: Any, array: Any, at: Any) -> Any:
-    """array[at : at + LANES] of a flat array, without bounds check."""
+def load(_: Any, array: Any, at: Any, count: Any) -> Any:
+    """array[at : at + count] of a flat array, without bounds check."""
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         kind = signature.args[0]
-        return builder.load(_place(context, builder, kind, *values), align=kind.dtype.bitwidth // 8)
+        place = _place(context, builder, kind, count.literal_value, *values[:2])
+        return builder.load(place, align=kind.dtype.bitwidth // 8)
 
-    return Lanes(array.dtype)(array, types.intp), generate
+    return Lanes(array.dtype, count.literal_value)(array, types.intp, count), generate
 
 
 @_emitted
 def store(_: Any, lanes: Any, array: Any, at: Any) -> Any:
-    """Write lanes to array[at : at + LANES]."""
+    """Write lanes to array[at : at + their number]."""
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        kind = signature.args[1]
-        builder.store(values[0], _place(context, builder, kind, *values[1:]), align=kind.dtype.bitwidth // 8)
+        vector, kind = signature.args[:2]
+        place = _place(context, builder, kind, vector.count, *values[1:])
+        builder.store(values[0], place, align=kind.dtype.bitwidth // 8)
         return context.get_dummy_value()
 
     return types.void(lanes, array, types.intp), generate
 
 
 @_emitted
-def filled(_: Any, x: Any) -> Any:
-    """LANES times x."""
+def filled(_: Any, x: Any, count: Any) -> Any:
+    """`count` times x."""
 
     def generate(_: Any, builder: Any, signature: Any, values: Any) -> Any:
-        nothing = ir.Constant(ir.VectorType(values[0].type, LANES), ir.Undefined)
+        n = count.literal_value
+        nothing = ir.Constant(ir.VectorType(values[0].type, n), ir.Undefined)
         first = builder.insert_element(nothing, values[0], _INDEX(0))
-        return builder.shuffle_vector(first, nothing, ir.Constant(ir.VectorType(_INDEX, LANES), [0] * LANES))
+        return builder.shuffle_vector(first, nothing, ir.Constant(ir.VectorType(_INDEX, n), [0] * n))
 
-    return Lanes(x)(x), generate
+    return Lanes(x, count.literal_value)(x, count), generate
 
 
 @_emitted
@@ -94,7 +99,7 @@ def total(_: Any, lanes: Any) -> Any:
     """Sum of the lanes, by halving."""
 
     def generate(_: Any, builder: Any, signature: Any, values: Any) -> Any:
-        x, n = values[0], LANES
+        x, n = values[0], lanes.count
         while n > 1:
             n //= 2
             halves = (ir.Constant(ir.VectorType(_INDEX, n), list(range(k, k + n))) for k in (0, n))

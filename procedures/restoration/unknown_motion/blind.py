@@ -79,10 +79,11 @@ def prototype_shapes(parts: Array, largest: int, rounds: int = 24, first: Array 
         )
     relation = cross_relation(parts, R)
     masks = _first_masks(parts, R) if first is None else first
-    u = np.pad(parts.mean(axis=0), R, mode="edge")
+    u, single = np.pad(parts.mean(axis=0), R, mode="edge"), parts.astype(np.float32)
     for n in range(rounds):
         # strong edges only at first, so that the masks become sharp before the picture is detailed
-        u = _picture(parts, masks, u, 1e-2 * 0.02 ** (n / rounds))
+        u = _picture(single, masks.astype(np.float32), u.astype(np.float32), 1e-2 * 0.02 ** (n / rounds))
+        u = u.astype(np.float64)
         masks = _masks(parts, u, CROSS * relation, R)
     residual = np.sqrt(np.mean([(fftconvolve(u, h, mode="valid") - z) ** 2 for h, z in zip(masks, parts, strict=True)]))
     if residual > MOST_RESIDUAL * parts.std():
@@ -158,7 +159,7 @@ def _non_negative(A: Array, b: Array) -> Array:
 def _picture(parts: Array, masks: Array, u: Array, weight: float) -> Array:
     n, first = [next_fast_len(size, True) for size in u.shape], masks.shape[1] - 1
     visible = (..., slice(first, u.shape[0]), slice(first, u.shape[1]))
-    spectra, wide = rfft2(masks, n), np.zeros((2, *n))
+    spectra, wide = rfft2(masks, n), np.zeros((2, *n), u.dtype)
 
     def adjoint(e: Array) -> Array:
         wide[visible] = e

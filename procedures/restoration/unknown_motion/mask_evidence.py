@@ -256,39 +256,35 @@ def add_curves(
     scale : of `paths` relative to the curves; begins, values : see `line_mask_change`.
     """
     size, unknowns = masks.shape[1], 2 * points
-    area = size * size
+    area, half = size * size, size // 2
+    lines = (
+        line_mask_change(paths[0], half, sigma, begins, values, points),
+        line_mask_change(paths[1], half, sigma, begins, values, points),
+    )
     difference, at, total = np.empty(2 * area), np.empty(2 * area, np.int64), 0
-    changes, pixels, count = np.empty((2, area, unknowns)), np.empty((2, area), np.int64), np.zeros(2, np.int64)
     for k in range(2):
-        mask, those, rows = line_mask_change(paths[k], size // 2, sigma, begins, values, points)
+        mask = lines[k][0]
         for i in range(size):
             for j in range(size):
                 change = mask[i, j] - masks[k, i, j]
                 if change != 0:
                     difference[total], at[total] = change, (k * size + i) * size + j
                     total += 1
-        count[k] = len(those)
-        for n in range(len(those)):
-            pixels[k, n] = k * area + those[n]
-            for m in range(unknowns):
-                changes[k, n, m] = scale * rows[n, m]
-    row = np.empty(unknowns)
     for a in range(len(free)):
-        for n in range(count[free[a]]):
-            pixel, mine = pixels[free[a], n], changes[free[a], n]
-            downhill = _times(G, pixel, at, difference, total) - g[pixel]
-            for m in range(unknowns):
-                gradient[a * unknowns + m] += mine[m] * downhill
-            for b in range(a, len(free)):
-                row[:] = 0.0
-                for q in range(count[free[b]]):
-                    factor = G[pixel, pixels[free[b], q]]
-                    for m in range(unknowns):
-                        row[m] += factor * changes[free[b], q, m]
-                for k in range(unknowns):
-                    if mine[k] != 0:  # a pixel depends on few of its curve's points
-                        for m in range(unknowns):
-                            H[a * unknowns + k, b * unknowns + m] += mine[k] * row[m]
+        _, pixels, changes = lines[free[a]]
+        mine = slice(a * unknowns, (a + 1) * unknowns)
+        downhill = np.empty(len(pixels))
+        for n in range(len(pixels)):
+            pixel = free[a] * area + pixels[n]
+            downhill[n] = scale * (_times(G, pixel, at, difference, total) - g[pixel])
+        gradient[mine] += np.dot(changes.T, downhill)
+        for b in range(a, len(free)):
+            _, others, of_others = lines[free[b]]
+            both = np.empty((len(pixels), len(others)))
+            for n in range(len(pixels)):
+                for q in range(len(others)):
+                    both[n, q] = scale**2 * G[free[a] * area + pixels[n], free[b] * area + others[q]]
+            H[mine, b * unknowns : (b + 1) * unknowns] += np.dot(changes.T, np.dot(both, of_others))
 
 
 @numba.njit(fastmath=True, error_model="numpy")

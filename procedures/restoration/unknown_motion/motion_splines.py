@@ -95,11 +95,11 @@ def fit_spline(points: Array, target: Array, sigma: float, steady: float, instan
     stiff = np.kron(np.eye(2), steady * third_derivative_penalty())
     for _ in range(25):
         mask, at, J = line_mask_change(basis(instants) @ points, len(target) // 2, sigma, *moving(instants), POINTS)
-        H = J.T @ J + stiff
+        explained = J.T @ J
+        H, step, before = explained + stiff, np.trace(explained) / len(stiff) * np.eye(len(stiff)), cost
         gradient = J.T @ (mask - target).ravel()[at] + stiff @ points.T.ravel()
-        step, before = np.trace(J.T @ J) / len(H), cost
         for _ in range(6):
-            tried = points - np.linalg.solve(H + damping * step * np.eye(len(H)), gradient).reshape(2, -1).T
+            tried = points - np.linalg.solve(H + damping * step, gradient).reshape(2, -1).T
             value = _cost(tried, target, sigma, steady, instants)
             if value < cost:
                 points, cost, damping = tried, value, max(damping / 5, 1e-7)

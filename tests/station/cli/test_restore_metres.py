@@ -49,6 +49,8 @@ def test_distances_of_two_halves_follow_from_their_blur(shape, tmp_path):
         assert determined.mean() > 0.5
         assert np.mean(np.abs(metres[half][determined] - expected) < 2 * std[half][determined]) > 0.9
         assert np.nanmedian(std[half]) < 0.03 * expected
+    w, determined = np.load(tmp_path / "o" / "w.npy"), np.isfinite(metres)
+    np.testing.assert_allclose(metres[determined], setting.distance_mm(-w[determined]) / 1000, rtol=1e-5)  # float32
     record = json.loads((tmp_path / "o" / "result.json").read_text())
     assert record["distance"]["unit"] == "m"
     assert record["parameters"]["ratio"] == [pytest.approx(1.4)]

@@ -95,15 +95,6 @@ def test_the_default_start_beats_both_algorithms(shared_data):
     assert matched < 0.5 * error(initial_depth.algorithm_2(z, stacks, 1.4e-3).w)
 
 
-@pytest.mark.slow
-def test_confidence_is_low_where_the_depth_is_wrong(vibrating):
-    start = initial_depth.matched(vibrating.z, vibrating.stacks, np.full(2, 0.002))
-    wrong = np.abs(start.w - vibrating.w[6:-6, 6:-6])
-    confident = start.confidence > np.median(start.confidence)
-    assert ((start.confidence >= 0) & (start.confidence <= 1)).all()
-    assert wrong[confident].mean() < wrong[~confident].mean()
-
-
 def test_whitened_costs_are_one_at_the_truth_and_matching_fills_areas_without_texture(vibration_stacks):
     # constant depth, noise of known size: the windowed mean of a unit variance, away from the frame
     rng = np.random.default_rng(5)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import fftconvolve
 
-from procedures.restoration.masks import blur_operator
+from procedures.restoration.masks import array_loops, blur_operator
 from procedures.restoration.masks.blur_models import mask_stack, pillbox, uniform_motion
 from procedures.restoration.masks.blur_operator import BlurOperator, FieldBlur, MaskStack
 
@@ -98,7 +98,7 @@ def test_photographs_do_not_depend_on_the_number_of_threads(vibration_stacks, rn
     blur, results = BlurOperator(vibration_stacks[0], SHAPE), []
     w, u, e = rng.uniform(0.3, 4.2, blur.extended), rng.standard_normal(blur.extended), rng.standard_normal(SHAPE)
     for threads in (1, 3):
-        monkeypatch.setattr(blur_operator, "most_threads", lambda n=threads: n)
+        monkeypatch.setattr(array_loops, "most_threads", lambda n=threads: n)
         blur.focus(w)
         results.append((blur.blur(u), blur.blur_adjoint(e)))
     for one, three in zip(*results, strict=True):
