@@ -40,9 +40,7 @@ SAMPLE_TILES, CURVE_TILES = 8, 4
 LEAST_RESOLVED = 0.5
 """Smallest resolved fraction of the frequencies of a finer grid."""
 TAU = {"total-variation": 0.75, "second-order": 0.25}
-"""Strength of a prior, variance over mean difference, with the best results on pictures of people and things; twice the
-half would be the maximum a posteriori value for exponentially distributed differences."""
-
+"""Strength of a prior, variance over mean difference, with the best results on pictures of people and things."""
 LEAST_DIFFERENCE = 1e-6
 """Mean difference of a tile without any detail."""
 

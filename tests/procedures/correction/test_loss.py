@@ -41,7 +41,7 @@ def test_error_appears_at_detail_and_grows_with_contrast():
 def test_propagated_error_agrees_with_corrections_through_erroneous_fields():
     lens = SmallLens(SHAPE, 0.8, growth=0.0, coma=0.0)
     photograph = grey(lens, scene(tuple(n + 2 * RIM for n in SHAPE)), Sensor(white_e=60000.0))
-    # one tile, and so one PSF: the errors of several tiles partly cancel in so small a frame
+    # one tile, and so one PSF: of several tiles in so small a frame, the stated error is 1.6 times the actual one
     parameters = CorrectionParameters(Prior("second-order"), side=512)
 
     def squared(noise, seed):
