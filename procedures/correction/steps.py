@@ -14,6 +14,8 @@ RELAXED = np.float32(1.8)
 """Over-relaxation of the copies, between 1 and 2 (Eckstein and Bertsekas 1992)."""
 TINY = np.float32(1e-30)
 """Smallest square of a length."""
+LEAST_SLOPE = np.float32(1e-12)
+"""Added to a slope, so that its direction is known."""
 
 
 def mixed(M: Single, u: Single) -> Single:
@@ -130,9 +132,10 @@ def _shrink_colours(d: Single, dual: Single, slopes: Single, threshold: np.float
         part = slice(start, start + count)
         first, second = slopes[0, part], slopes[1, part]
         for i in range(count):
-            k = np.sqrt(first[i] * first[i] + second[i] * second[i] + TINY)
+            x0 = first[i] + LEAST_SLOPE  # a slope of 0 has a direction too
+            k = np.sqrt(x0 * x0 + second[i] * second[i])
             t[i] = np.float32(0.5) * (k + np.sqrt(k * k + np.float32(4)))
-            u[i], v[i] = first[i] / k, second[i] / k
+            u[i], v[i] = x0 / k, second[i] / k
         for i in range(count):
             scale[i] = one / (one + t[i] * t[i])
         a[:], b[:], c[:] = zero, zero, zero

@@ -3,7 +3,7 @@ import pytest
 
 from procedures.correction.deconvolve import DeconvolutionTile, Splitting, deconvolve
 from procedures.correction.priors import Prior
-from procedures.correction.steps import differences, divergence
+from procedures.correction.steps import differences, divergence, shrink
 from procedures.correction.tiles import TileAxis
 from procedures.outcome import BadParameter
 
@@ -14,6 +14,31 @@ def test_the_divergence_is_the_adjoint_of_the_differences(rng, second):
     d = rng.standard_normal((3 if second else 2, 3, 12, 12)).astype(np.float32)
     forth, back = np.vdot(d, differences(u, second)), np.vdot(u, divergence(d, second))
     assert forth == pytest.approx(back, abs=1e-3)  # single precision
+
+
+def kept(d, threshold, slopes):
+    """Differences (2, 3, n, n) that are left of d."""
+    d, dual = d.copy(), np.zeros_like(d)
+    shrink(d, dual, np.float32(threshold), slopes)
+    return d - dual
+
+
+def test_colours_are_shrunk_along_the_line_that_lightness_predicts(rng):
+    d = rng.standard_normal((2, 3, 4, 4)).astype(np.float32)
+    slopes, threshold = rng.uniform(-2, 2, (2, 4, 4)).astype(np.float32), 0.5
+    plain = d * np.maximum(1 - threshold / np.sqrt(np.sum(d**2, axis=(0, 1))), 0)
+    np.testing.assert_allclose(kept(d, threshold, 0 * slopes), plain, atol=1e-6)
+    found = kept(d, threshold, slopes)
+    for at in np.ndindex(4, 4):
+        given, (k, m) = d[..., *at].astype(float), slopes[:, *at]
+        S = np.array([[1, 0, 0], [-k, 1, 0], [-m, 0, 1]])
+        _, s, V = np.linalg.svd(S)
+        # left = |S v| / threshold by one step of Newton's method from 0, in singular directions
+        power = np.sum((given @ V.T) ** 2, axis=0)
+        square, cube = np.sum(power / s**2), np.sum(power / s**4)
+        left = max((np.sqrt(square) / threshold - 1) * square / cube, 0)
+        wanted = np.linalg.solve(left * np.eye(3) + S.T @ S, left * given.T).T
+        np.testing.assert_allclose(found[..., *at], wanted, atol=1e-5)
 
 
 @pytest.mark.parametrize("name", ["total-variation", "second-order"])
