@@ -5,7 +5,8 @@ Minimise  sum_p sum_x w_p(x) (z_p(x) - (h_p * u_c(p))(x))^2 / 2  +  tau sum_x |S
 over the colours u_c of the picture. w_p is one over the variance of a sample, and 0 where plane p has none: where the
 mosaic has another colour, at clipped highlights, and beyond the frame. Demosaicking, deblurring and extrapolation
 beyond the rim thus are one problem. M gives lightness and weighted colour, and S(x) subtracts from the differences of
-colour those that the differences of lightness predict: near each pixel, all colours change along one line. With copies
+colour those that the differences of lightness predict: near each pixel, all colours change along one line, which the
+first picture tells, and before the last third of the iterations the restored one. With copies
 v_p = h_p * u_c and y = M D u, the part that couples pixels is diagonal over frequencies, and the part that couples
 frequencies is local to each pixel.
 
@@ -27,7 +28,7 @@ Spectrum = npt.NDArray[np.complex64]
 
 DETAIL_PX = 1.5
 """Standard deviation of the smoothing of a photograph whose detail is measured."""
-SMOOTH_PX, WINDOW_PX = 1.0, 15
+SMOOTH_PX, WINDOW_PX = 0.8, 15
 """Standard deviation of the smoothing, and side of the window, of the local relation of colour to lightness."""
 
 
@@ -100,8 +101,9 @@ def deconvolve(
     u, data_dual = start, np.zeros_like(tile.z)
     prior_dual = np.zeros((prior.kinds, *start.shape), dtype=np.float32)
     copies = np.where(tile.weight > 0, tile.z, start[list(tile.channel)])
-    slopes = _slopes(start, prior, tau * gradient) if len(start) > 1 else None
     for left in reversed(range(settings.iterations)):
+        if left in (settings.iterations - 1, settings.iterations // 3):
+            slopes = _slopes(u, prior, tau * gradient) if len(u) > 1 else None
         gradients = differences(mixed(M, u), prior.second)
         shrink(gradients, prior_dual, np.float32(tau / penalty), slopes)
         target = mixed(np.ascontiguousarray(M.T), divergence(gradients, prior.second))
