@@ -76,7 +76,7 @@ class TextureEvidence:
         modes = {"ghost": _unseen(self.strengths[GHOST], GHOST_PRIOR, PRESENT) * mask_gain(f, GHOST_PX)}
         if raw:
             return modes
-        share, model = (PRESENT / len(WIDE_PX), 0.0) if self.framed else (1.0, TEXTURED_MODEL)
+        share, model = (PRESENT / len(WIDE_PX), 0.0) if self.framed else (PRESENT, TEXTURED_MODEL)
         wide = [
             _wide(self.strengths[name], model, share) * mask_gain(f, radius)
             for name, radius in zip(WIDE_NAMES, WIDE_PX, strict=True)
