@@ -25,7 +25,7 @@ from procedures.outcome import Check
 MASK_PRIOR, WIDE_PRIOR, GHOST_PRIOR = 0.08, 0.05, 0.05
 """Prior amounts of unsharp masks of 1 pixel and of several in a picture that is no RAW file, and of a ghost."""
 PRESENT = 0.5
-"""Prior probability that there is a wide mask, or a ghost, at all."""
+"""Prior probability that there is a mask, or a ghost, at all."""
 WIDE_MODEL, TEXTURED_MODEL = 0.01, 0.02
 """Standard uncertainty of the amount of a wide mask by the lens's own spread function beyond the core, in its test, and
 in the budget where no frame shows the mask."""
@@ -73,23 +73,25 @@ class TextureEvidence:
     def modes(self, f: Array, *, raw: bool) -> dict[str, Array]:
         """Relative changes of the transfer function at frequencies f (n,) by one standard deviation of each corruption
         not excluded."""
-        modes = {"ghost": _unseen(self.strengths[GHOST], GHOST_PRIOR, PRESENT) * mask_gain(f, GHOST_PX)}
+        modes = {"ghost": _unseen(self.strengths[GHOST], GHOST_PRIOR) * mask_gain(f, GHOST_PX)}
         if raw:
             return modes
+        # a frame shows which of the wide masks there is
         share, model = (PRESENT / len(WIDE_PX), 0.0) if self.framed else (PRESENT, TEXTURED_MODEL)
         wide = [
             _wide(self.strengths[name], model, share) * mask_gain(f, radius)
             for name, radius in zip(WIDE_NAMES, WIDE_PX, strict=True)
         ]
-        return modes | {"processing": _unseen(self.fine, MASK_PRIOR) * mask_gain(f, 1.0), "wide mask": np.hypot(*wide)}
+        fine = _unseen(self.fine, MASK_PRIOR) * mask_gain(f, 1.0)
+        return modes | {"processing": fine, "wide mask": np.hypot(*wide)}
 
 
 def _wide_score(amount: Strength) -> float:
     return amount.value / math.hypot(amount.uncertainty, WIDE_MODEL)
 
 
-def _unseen(strength: Strength, prior: float, present: float = 1.0) -> float:
-    return nuisance(strength.unseen, strength.uncertainty, prior, present)
+def _unseen(strength: Strength, prior: float) -> float:
+    return nuisance(strength.unseen, strength.uncertainty, prior, PRESENT)
 
 
 def _wide(amount: Strength, model: float, present: float) -> float:
