@@ -5,8 +5,8 @@ Minimise  sum_p sum_x w_p(x) (z_p(x) - (h_p * u_c(p))(x))^2 / 2  +  tau sum_x |S
 over the colours u_c of the picture. w_p is one over the variance of a sample, and 0 where plane p has none: where the
 mosaic has another colour, at clipped highlights, and beyond the frame. Demosaicking, deblurring and extrapolation
 beyond the rim thus are one problem. M gives lightness and weighted colour, and S(x) subtracts from the differences of
-colour those that the differences of lightness predict: near each pixel, all colours change along one line, which the
-first picture tells, and before the last third of the iterations the restored one. With copies
+colour those that the differences of lightness predict: near each pixel, all colours change along one line, fitted to
+the first picture, and before the last third of the iterations to the restored one. With copies
 v_p = h_p * u_c and y = M D u, the part that couples pixels is diagonal over frequencies, and the part that couples
 frequencies is local to each pixel.
 
