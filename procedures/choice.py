@@ -191,7 +191,7 @@ TERMS = {
     "print": "printed edges",
     "tail": "energy outside the support",
     "mismatch": "model error in the residual",
-    "processing": "unsharp mask not excluded",
+    "processing": "sharpening or denoising not excluded",
     "wide mask": "wide mask not excluded",
     "ghost": "ghost not excluded",
     "variation": "variation of the PSF over the chart",

@@ -26,8 +26,14 @@ DETAIL = 0.03
 """Contrast above which such a mask sharpens, relative to that of black and white."""
 FLAT = 0.02
 """Gradient below which a filter along edges does little."""
+FAINT, ADAPTIVE_PX = 0.03, 5
+"""Standard deviation of detail, relative to the contrast of black and white, that adaptive smoothing halves; side of
+its window."""
+RING = 0.03
+"""Width of the rings of a spectrum, in cycles/pixel."""
 
 MEDIAN, FLOW, THRESHOLD, VEIL, GHOST = "median", "flow", "threshold", "veil", "ghost"
+ADAPTIVE = "adaptive"
 ZOOM, RIM = "zoom", "rim"
 
 
@@ -59,6 +65,30 @@ def filters(picture: Array) -> dict[str, Array]:
         FLOW: flow,
         THRESHOLD: np.where(np.abs(fine) > DETAIL, fine, 0.0),
     }
+
+
+def adaptive(picture: Array) -> Array:
+    """Direction of denoising that smooths faint detail more than strong one: a filter guided by the picture itself (He,
+    Sun, Tang, IEEE TPAMI 35 (2013), equations (5), (6), (8))."""
+    mean, square = (_local_mean(one) for one in (picture, picture * picture))
+    kept = (variance := square - mean * mean) / (variance + FAINT**2)
+    return np.asarray(_local_mean(kept) * picture + _local_mean((1 - kept) * mean) - picture)
+
+
+def _local_mean(picture: Array) -> Array:
+    return np.asarray(cv2.blur(picture, (ADAPTIVE_PX, ADAPTIVE_PX)))
+
+
+def gain_along(direction: Array, picture: Array, f: Array) -> Array:
+    """Gain less 1, at frequencies f (n,) in cycles/pixel, of the linear filter that changes a picture most like a
+    direction: their cross spectrum over the picture's spectrum, in rings."""
+    window = np.outer(*(np.hanning(n) for n in picture.shape))
+    changed, given = (np.fft.rfft2((one - one.mean()) * window) for one in (direction, picture))
+    rows, columns = picture.shape
+    at = np.hypot(np.fft.fftfreq(rows)[:, None], np.fft.rfftfreq(columns))
+    ring = np.rint(at / RING).astype(int).ravel()
+    cross, power = (np.bincount(ring, np.real(one * given.conj()).ravel(), ring.max() + 1) for one in (changed, given))
+    return np.interp(f, RING * np.arange(len(power)), cross / np.maximum(power, 1e-30))
 
 
 def wide_masks(picture: Array) -> dict[str, Array]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from procedures.corruption.directions import (
+    ADAPTIVE,
     FLOW,
     GHOST,
     GHOST_PX,
@@ -17,7 +18,17 @@ from procedures.corruption.directions import (
     WIDE_PX,
     mask_gain,
 )
-from procedures.corruption.family import FILTERED, GHOSTED, MOSAIC, SELECTIVE, VEILED, WIDE, Strength, nuisance
+from procedures.corruption.family import (
+    ADAPTED,
+    FILTERED,
+    GHOSTED,
+    MOSAIC,
+    SELECTIVE,
+    VEILED,
+    WIDE,
+    Strength,
+    nuisance,
+)
 from procedures.corruption.noise import CONTRASTS, MASK_RADII, noise_checks
 from procedures.numerics.arrays import Array
 from procedures.outcome import Check
@@ -29,6 +40,9 @@ PRESENT = 0.5
 WIDE_MODEL, TEXTURED_MODEL = 0.01, 0.02
 """Standard uncertainty of the amount of a wide mask by the lens's own spread function beyond the core, in its test, and
 in the budget where no frame shows the mask."""
+ADAPTIVE_PRIOR, ADAPTIVE_MODEL = 1.0, 0.4
+"""Prior amount of adaptive smoothing in a picture that is no RAW file; its standard uncertainty, in the test, by faint
+detail of a real wall that differs between both photographs: the published pair seems smoothed by 1.0."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +54,8 @@ class TextureEvidence:
     strengths : by the directions of `procedures.corruption.directions`
     mosaic : largest score of unlike noise at the sites of a mosaic
     framed : whether edges of full contrast, in a frame, show wide masks; texture alone is less sure
+    smoothing : relative change of the transfer function by adaptive smoothing of amount 1, at the frequencies of the
+        modes, where its strength is given
     """
 
     masks: list[Strength]
@@ -47,6 +63,7 @@ class TextureEvidence:
     strengths: Mapping[str, Strength]
     framed: bool = True
     mosaic: float = 0.0
+    smoothing: Array | None = None
 
     @property
     def fine(self) -> Strength:
@@ -68,7 +85,11 @@ class TextureEvidence:
     def _of_pictures(self) -> list[Check]:
         wide = max(_wide_score(self.strengths[name]) for name in WIDE_NAMES)
         places = 2 * len(CONTRASTS)  # in the noise of paper and residual
-        return [WIDE.check(wide, raw=False, places=len(WIDE_PX)), MOSAIC.check(self.mosaic, raw=False, places=places)]
+        return [
+            WIDE.check(wide, raw=False, places=len(WIDE_PX)),
+            MOSAIC.check(self.mosaic, raw=False, places=places),
+            *([] if self.smoothing is None else [ADAPTED.check(_tempered(self.strengths[ADAPTIVE]).score, raw=False)]),
+        ]
 
     def modes(self, f: Array, *, raw: bool) -> dict[str, Array]:
         """Relative changes of the transfer function at frequencies f (n,) by one standard deviation of each corruption
@@ -82,12 +103,20 @@ class TextureEvidence:
             _wide(self.strengths[name], model, share) * mask_gain(f, radius)
             for name, radius in zip(WIDE_NAMES, WIDE_PX, strict=True)
         ]
-        fine = _unseen(self.fine, MASK_PRIOR) * mask_gain(f, 1.0)
-        return modes | {"processing": fine, "wide mask": np.hypot(*wide)}
+        processing = _unseen(self.fine, MASK_PRIOR) * mask_gain(f, 1.0)
+        if self.smoothing is not None:
+            amount = self.strengths[ADAPTIVE]
+            smoothed = nuisance(_tempered(amount).unseen, amount.uncertainty, ADAPTIVE_PRIOR, PRESENT)
+            processing = np.hypot(processing, smoothed * self.smoothing)
+        return modes | {"processing": processing, "wide mask": np.hypot(*wide)}
 
 
 def _wide_score(amount: Strength) -> float:
     return amount.value / math.hypot(amount.uncertainty, WIDE_MODEL)
+
+
+def _tempered(amount: Strength) -> Strength:
+    return Strength(amount.value, math.hypot(amount.uncertainty, ADAPTIVE_MODEL))
 
 
 def _unseen(strength: Strength, prior: float) -> float:

@@ -80,6 +80,7 @@ PERIODIC = Corruption(
     *2 * ("keep the camera still, turn the chart by 2 degrees, and photograph it again",),
 )
 FILTERED = _processing("filter", "edges look unlike any image by a lens ({}): the photograph was denoised")
+ADAPTED = _processing("filter", "faint detail is smoother than strong detail ({}): the photograph was denoised")
 SELECTIVE = _processing("sharpening", "strong detail is sharpened more than faint detail ({})")
 WIDE = _processing("sharpening", "light is missing around edges, as by a wide unsharp mask ({})")
 GHOSTED = Corruption(

@@ -13,7 +13,7 @@ import numpy as np
 
 from procedures.choice import Trial, choose, remaining_change, with_modes, with_parts
 from procedures.corruption import directions, probability
-from procedures.corruption.directions import BORDER, GHOST
+from procedures.corruption.directions import ADAPTIVE, BORDER, GHOST
 from procedures.corruption.evidence import TextureEvidence
 from procedures.corruption.family import SampleGroup, strengths
 from procedures.corruption.noise import (
@@ -327,7 +327,8 @@ def examine(fit: PairFit, far: Array32, curve: tuple[Array, Array]) -> TextureEv
     at = fit.samples.rows, fit.samples.columns
     picture[at] = fit.prediction
     padded = np.pad((picture - middle) / scale, BORDER, mode="edge")
-    pictures = directions.filters(padded) | directions.wide_masks(padded)
+    smoothed = directions.adaptive(padded)
+    pictures = directions.filters(padded) | directions.wide_masks(padded) | {ADAPTIVE: smoothed}
     values = [one[BORDER:-BORDER, BORDER:-BORDER][at] for one in pictures.values()]
     ghost = directions.mirrored(far, (x, y), (rows, columns))
     values.append((ghost[at] - middle) / scale)
@@ -341,4 +342,5 @@ def examine(fit: PairFit, far: Array32, curve: tuple[Array, Array]) -> TextureEv
         dict(zip([*pictures, GHOST], amounts, strict=True)),
         framed=False,
         mosaic=residual.mosaic.score,
+        smoothing=directions.gain_along(smoothed, padded, curve[0]),
     )
