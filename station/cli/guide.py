@@ -62,7 +62,7 @@ class PlainStop:
 
     def now(self) -> None:
         """Stop the bench, and report it once; from any thread."""
-        if self._operator.asking or self._at_question:  # no known movement
+        if self._operator.asking or self._at_question or not self._lab.has_run:  # no known movement
             self._lab.emergency_stop()
             return
         self._lab.stop_run()

@@ -53,7 +53,8 @@ def test_a_session_in_which_nothing_was_answered_is_not_kept(tmp_path, monkeypat
 def test_an_unknown_plan_is_named(tmp_path, monkeypatch, words):
     monkeypatch.chdir(tmp_path)
     # before the application looks for a terminal, which there is none
-    run(*words, "--simulate", "--plan", "x", code=2, says="no plan 'x'")
+    ended = run(*words, "--simulate", "--plan", "x", code=2, says="no plan 'x'")
+    assert STOPPING not in ended.stdout  # nothing was opened
     assert not os.path.exists("sessions")
 
 
