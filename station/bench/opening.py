@@ -205,7 +205,7 @@ class Bench:
 
 
 KEYS = {"devices", "unit"}
-"""Of a station.toml."""
+"""Tables and values that a station.toml may have."""
 
 
 def read_config(path: Path) -> dict[str, Any]:
