@@ -48,7 +48,7 @@ class Sampling:
     at: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        s, k, got = self.s, self.k, f"got s = {self.s}, k = {self.k}"
+        s, k, got = self.s, self.k, f"got s = {self.s or 'auto'}, k = {self.k or 'auto'}"
         refusals = (
             (any(number is not None and number != int(number) for number in (s, k)),
              f"s and k must be whole numbers; {got}", "give s = 4 and k = 17"),

@@ -3,6 +3,7 @@
 import atexit
 import gc
 import os
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -103,6 +104,7 @@ def main(ctx: click.Context, /, plain: bool, plan: str | None, **lab: Any) -> No
     option's help names the command ("also for"), and is an error otherwise; --quiet and --json apply to every
     command that has them.
     """
+    open_closed_streams()
     # Planes and frames are processed in parallel; BLAS threads in addition would compete for the cores: four planes
     # took over four times the processor time. Read when numpy is loaded, which no command does before this.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -118,6 +120,13 @@ def main(ctx: click.Context, /, plain: bool, plan: str | None, **lab: Any) -> No
     else:
         from station.cli.app import run_app as run
     run(plan, **lab)
+
+
+def open_closed_streams() -> None:
+    """Open a standard stream that the caller has closed on nothing: its input has ended, and its output is dropped."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115  until the program ends
 
 
 if __name__ == "__main__":

@@ -34,8 +34,6 @@ GREYS = 32
 """Grey levels in half blocks; runs of one level are one segment."""
 PLAIN = Style()  # Textual's filter for NO_COLOR requires a style on every segment
 MARK = Style(color=MARK_TEXT, bgcolor=MARK_GROUND, bold=True)
-SPACE = "\N{NO-BREAK SPACE}"
-"""Between a mark and its line, so that they are not separated."""
 BAR = 16
 
 

@@ -81,10 +81,10 @@ def run_batch(
     report : called with every row when it is finished
     function : the work itself
     force : whether files in the folder that no batch has written are overwritten
-    parquet : whether the summary is written as a Parquet file too
+    parquet : whether the summary is written as a Parquet file too; an existing one always is, so that both agree
     """
     start, stop = time.perf_counter(), stop or Stop()
-    if parquet:
+    if parquet := parquet or (job.out / PARQUET).exists():
         check_parquet()
     if not force:
         check_own(job.out)

@@ -195,7 +195,10 @@ def write_csv(path: Path, rows: Iterable[ItemRow], units: Mapping[str, str]) -> 
 def check_parquet() -> None:
     """Raises BadParameter where pyarrow is not installed."""
     if find_spec("pyarrow") is None:
-        raise BadParameter("--parquet needs pyarrow", "pip install 'calibration-station[parquet]', or use summary.csv")
+        raise BadParameter(
+            "--parquet needs pyarrow, and so does a summary.parquet in --out",
+            "pip install 'calibration-station[parquet]', or use summary.csv alone",
+        )
 
 
 def write_parquet(path: Path, rows: Iterable[ItemRow], units: Mapping[str, str]) -> None:

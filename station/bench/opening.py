@@ -204,6 +204,10 @@ class Bench:
             end()
 
 
+KEYS = {"devices", "unit"}
+"""Tables and values that a station.toml may have."""
+
+
 def read_config(path: Path) -> dict[str, Any]:
     """The devices' tables of a station.toml, every value checked; empty if it sets only a unit. Raises BadConfiguration
     that names the line of the error."""
@@ -214,12 +218,14 @@ def read_config(path: Path) -> dict[str, Any]:
         config = parse_toml(text, str(path), "correct that line")
     except BadInput as error:
         raise BadConfiguration(error.reason, error.remedy) from error
-    devices = config.get("devices")
+    devices, source = config.get("devices"), TableSource(path.name, text, error=BadConfiguration)
+    for key in config.keys() - KEYS:
+        source.refuse_unknown((key,), sorted(KEYS))
     if config.keys() == {"unit"}:
         return {}
     if not isinstance(devices, dict) or not devices:
         raise BadConfiguration(f"{path} configures no devices", "add tables like [devices.stage]")
-    read_devices(devices, TableSource(path.name, text, error=BadConfiguration))
+    read_devices(devices, source)
     return devices
 
 

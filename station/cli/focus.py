@@ -96,7 +96,18 @@ def _frames(
         stack.callback(bench.close)
         stack.enter_context(guarded(bench.emergency_stop, ended.set))
         bench.connect()
-        yield source.tethered(bench) if config is not None else source.simulated(bench)
+        yield until_ended(source.tethered(bench) if config is not None else source.simulated(bench), ended)
+
+
+def until_ended(frames: Iterator[LiveFrame], ended: threading.Event) -> Iterator[LiveFrame]:
+    """The photographs; an exposure that Ctrl-C has stopped is their end, not an error."""
+    from drivers.errors import EmergencyStopped
+
+    try:
+        yield from frames
+    except EmergencyStopped:
+        if not ended.is_set():
+            raise
 
 
 def line(reading: FocusReading) -> str:

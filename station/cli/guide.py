@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import sys
+import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -56,14 +57,17 @@ class PlainStop:
     def __init__(self, lab: StationLab, operator: LineOperator) -> None:
         self._lab, self._operator = lab, operator
         self._at_question = False
+        self._unreported = threading.Lock()
+        """Taken by the first report: a signal and the exception that it raises stop the bench from two threads."""
 
     def now(self) -> None:
-        """Stop the bench, and report it; from the thread that handles signals."""
-        if self._operator.asking or self._at_question:  # no known movement
+        """Stop the bench, and report it once; from any thread."""
+        if self._operator.asking or self._at_question or not self._lab.has_run:  # no known movement
             self._lab.emergency_stop()
             return
         self._lab.stop_run()
-        at_once(self._operator.say_stopped)  # in a thread: an unread pipe must not block the next stop
+        if self._unreported.acquire(blocking=False):
+            at_once(self._operator.say_stopped)  # in a thread: an unread pipe must not block the next stop
 
     def interrupted(self) -> None:
         """After the first Ctrl-C, in the main thread. Raises Stopped at a question and before there is a run."""

@@ -20,6 +20,8 @@ class Glyphs:
     full: str
     empty: str
     plus_minus: str
+    space: str
+    """Between a mark and its line; no-break where the terminal has one, so that they are not separated."""
 
     def spelt(self, text: str) -> str:
         """A number with its signs, in characters of the terminal."""
@@ -27,8 +29,14 @@ class Glyphs:
 
 
 SPELT = str.maketrans({"±": "+-", "°": " deg", "→": ">", "←": "<", "↓": "v", "↑": "^"})
-UNICODE = Glyphs(False, done="✓", now="▶", todo="·", good="✓", bad="✗", full="█", empty="░", plus_minus="±")
-ASCII = Glyphs(True, done="x", now=">", todo=".", good="ok", bad="!!", full="#", empty="-", plus_minus="+-")
+UNICODE = Glyphs(
+    False, done="✓", now="▶", todo="·", good="✓", bad="✗", full="█", empty="░", plus_minus="±",
+    space="\N{NO-BREAK SPACE}",
+)  # fmt: skip
+ASCII = Glyphs(
+    True, done="x", now=">", todo=".", good="ok", bad="!!", full="#", empty="-", plus_minus="+-",
+    space=" ",
+)  # fmt: skip
 
 
 def glyphs_for(environ: Mapping[str, str], encoding: str) -> Glyphs:

@@ -12,11 +12,11 @@ from station.common.sanitise import printable
 from station.common.signature import ProofCheck, check_signature
 from station.guide.recompute import recompute
 from station.procedure.schema import procedure_named
-from station.reports.certificate import record_digest
+from station.reports.certificate import PAGE, record_digest
 from station.reports.certificate_details import SIGNATURE, STATEMENT, read_statement
 from station.results.measurement import Measurement
 from station.results.reader import changes, read_record, read_result
-from station.results.result_files import damage
+from station.results.result_files import RECORD, damage, json_object
 from station.results.terms import Terms
 from station.results.units import Unit
 
@@ -42,17 +42,21 @@ def check_certificate(path: Path, originals: Path | None = None, signer: Path | 
             f"{printable(path)} states no digest of a record", "name certificate.html or certificate.pdf of a result"
         )
     digest = match[1].decode()
-    yield _signature_check(path, digest, signer)
+    signature = _signature_check(path, digest, signer)
+    yield signature
     folder = _result_of(path.parent, digest)
     if folder is None:
         words = f"no record beside {printable(path.name)} has the digest {digest[:16]}…: it has been changed or moved"
         yield ProofCheck("record", False, words)
         return
     yield ProofCheck("record", True, f"{printable(folder / 'result.json')} has the digest of the certificate")
-    changed = damage(folder)
+    changed = damage(folder) or _changed_copy(path, folder)
     words = f"changed or missing: {', '.join(map(printable, changed))}" if changed else "as they were written"
     yield ProofCheck("files of the result", not changed, words)
     if folder.parent.name == DERIVED:
+        if signature.agrees is None:
+            words = "a session does not state its digest: without a signature edited text is not detected"
+            yield ProofCheck("certificate", None, words)
         yield from _session_checks(folder)
     else:
         yield from _result_checks(read_result(folder), originals)
@@ -69,6 +73,12 @@ def _signature_check(path: Path, digest: str, signer: Path | None) -> ProofCheck
     if signed["record"] != digest or signed[path.name] != hashlib.sha256(read_own(path)).hexdigest():
         return ProofCheck("signature", False, f"{printable(path.name)} has been changed since it was signed")
     return check_signature(statement, signature, signed["public key"], signer, signed["signed by"])
+
+
+def _changed_copy(path: Path, folder: Path) -> tuple[str, ...]:
+    """The name of a certificate that is none of the files of a result which has one."""
+    files = json_object(folder / RECORD).get("files", {})
+    return (path.name,) if PAGE in files and not any(holds(path, one) for one in files.values()) else ()
 
 
 def _result_of(folder: Path, digest: str) -> Path | None:

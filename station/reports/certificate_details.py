@@ -70,6 +70,10 @@ class CertificateDetails:
                 place = (path or Path(DETAILS)).parent / name
                 if not place.is_file():
                     source.refuse((key,), f"names {printable(place)}, which does not exist", "correct its path")
+                if key == "logo" and not _is_image(place):
+                    source.refuse(
+                        (key,), f"names {printable(place)}, which is no whole PNG or JPEG image", "export it again"
+                    )
                 places[key] = str(place)
         return replace(details, **places)
 
@@ -95,6 +99,18 @@ class CertificateDetails:
         if self.signing_key:
             named["Electronic signature"] = f"{ALGORITHM}, public key {public_key(Path(self.signing_key))}"
         return [[name, printable(text)] for name, text in named.items() if text]
+
+
+def _is_image(path: Path) -> bool:
+    """Whether a file is a PNG or JPEG image that can be drawn."""
+    from PIL import Image  # here: it is slow to load
+
+    try:
+        with Image.open(path, formats=("PNG", "JPEG")) as image:
+            image.load()
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):  # by the kind of damage
+        return False
+    return True
 
 
 def signature_files(files: Mapping[str, bytes], record: str, details: CertificateDetails) -> dict[str, bytes]:

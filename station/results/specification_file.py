@@ -40,7 +40,7 @@ UnitName = Annotated[str, one_of(lambda: Unit)]
 PlaneName = Annotated[str, one_of(lambda: PLANES)]
 DirectionName = Annotated[str, one_of(lambda: DIRECTIONS)]
 PlaceName = Annotated[str, one_of(lambda: Place)]
-NumberName = Annotated[str, one_of(limited_numbers)]
+NumberName = Annotated[str, Meta(extra={"one_of": limited_numbers, "example": '"mtf50"'})]
 WITHOUT_FREQUENCY = one_of(lambda: [number for number in limited_numbers() if number != MTF])
 
 

@@ -76,9 +76,10 @@ class RemoteOperator:
 
     def answer(self, ask: Ask) -> Fact:
         """The given answer, or a client's reply. Raises Stopped."""
-        with suppress(KeyError, ValueError):  # an invalid given answer: a person is asked
-            return parse(ask, str(self._answers[ask.key]))
-        if self._by_default and ask.key not in NEVER_BY_DEFAULT:
+        if ask.key in self._answers:
+            with suppress(ValueError):  # an invalid given answer: a person is asked
+                return parse(ask, str(self._answers[ask.key]))
+        elif self._by_default and ask.key not in NEVER_BY_DEFAULT:
             if ask.default is not None:
                 return ask.default
             if ask.kind == "confirm":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from collections.abc import Mapping
 from contextlib import suppress
@@ -92,14 +93,18 @@ def read_order(data: Any, names: tuple[str, str]) -> RunOrder:
     from station.guide.catalogue import DEFAULT
 
     remedy = 'send {"plan": "pattern", "camera": "...", "lens": "...", "answers": {}, "by_default": false}'
-    kinds: dict[str, type] = {"plan": str, "camera": str, "lens": str, "answers": dict, "by_default": bool}
+    text, table, flag = (str, "text"), (dict, "an object"), (bool, "true or false")
+    kinds: dict[str, tuple[type, str]] = {
+        "plan": text, "camera": text, "lens": text, "answers": table, "by_default": flag
+    }  # fmt: skip
     if not isinstance(data, Mapping):
         raise BadParameter("a run is started by a JSON object; something else was sent", remedy)
     for name, value in data.items():
         if name not in kinds:
             raise BadParameter(f"a run's order has no {name!r}", remedy)
-        if not isinstance(value, kinds[name]):
-            raise BadParameter(f"{name!r} must be a {kinds[name].__name__}; got {value!r}", remedy)
+        kind, words = kinds[name]
+        if not isinstance(value, kind):
+            raise BadParameter(f"{name!r} must be {words}; got {json.dumps(value)}", remedy)
     answers = data.get("answers", {})
     if wrong := [key for key, value in answers.items() if not isinstance(value, str | int | float | bool)]:
         raise BadParameter(f"the answers to {', '.join(wrong)} must be text, a number, true or false", remedy)

@@ -37,6 +37,9 @@ def check_photographs(photographs: list[Array]) -> Array:
     for n, one in enumerate(photographs, 1):
         checked_array(one, f"samples of photograph {n}", (None, None, None), dtype=None, remedy="export it again")
     shapes = [p.shape for p in photographs]
+    if len({shape[0] for shape in shapes}) > 1:
+        channels = ", ".join(str(shape[0]) for shape in shapes)
+        raise BadInput(f"photographs must have as many colours, got {channels}", "give all in grey or all in colour")
     if len(set(shapes)) > 1:
         sizes = ", ".join(f"{s[-1]} x {s[-2]}" for s in shapes)
         raise BadInput(f"photographs must be of one size, got {sizes}", "crop photographs of one camera equally")

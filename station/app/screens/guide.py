@@ -20,7 +20,6 @@ from station.app.screens.parts import AnswerBox, StationScreen
 from station.app.screens.result_view import mtf_plot, number_lines, specified
 from station.app.terminal_images import picture_thumbnail, psf_thumbnail
 from station.app.widgets import (
-    SPACE,
     BigText,
     CurveView,
     Part,
@@ -330,7 +329,7 @@ class GuideScreen(StationScreen):
         return self.query_one(Rail).glyphs
 
     def _complain(self, reason: str, remedy: str) -> None:
-        self.query_one("#trouble", Part).say(f"{self.glyphs.bad}{SPACE}{sentences(reason, remedy)}", "bold")
+        self.query_one("#trouble", Part).say(f"{self.glyphs.bad}{self.glyphs.space}{sentences(reason, remedy)}", "bold")
 
     def _show_rail(self) -> None:
         if self._began is not None:

@@ -16,7 +16,7 @@ from textual.widgets import Input
 
 from station.app.bars import DeviceBar, KeyLine
 from station.app.commands import Command
-from station.app.widgets import SPACE, Part, lines_of, literal
+from station.app.widgets import Part, lines_of, literal
 
 if TYPE_CHECKING:
     from procedures.plan import Ask, Fact, Step
@@ -139,9 +139,9 @@ class Choices(Part, can_focus=True):
         rows = []
         for i, line in enumerate(self.lines):
             mark = self.glyphs.now if i == self.at and self.has_focus else " " * len(self.glyphs.now)
-            number = f"{i + 1}{SPACE}" if several and i < 9 else ""
+            number = f"{i + 1}{self.glyphs.space}" if several and i < 9 else ""
             style = "bold reverse" if i == self.at and self.has_focus else ""
-            rows.append(literal(f"{mark}{SPACE}{number}{line}", style))
+            rows.append(literal(f"{mark}{self.glyphs.space}{number}{line}", style))
         self.update(lines_of(*rows))
 
     def on_key(self, event: Key) -> None:

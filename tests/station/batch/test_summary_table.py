@@ -140,3 +140,16 @@ def test_a_batch_writes_the_parquet_file_beside_the_others(tmp_path):
     for _ in range(2):  # the second finds its own file there
         run(*words, "--parquet", code=1)
         assert (tmp_path / "out" / "summary.parquet").read_bytes()[:4] == b"PAR1"
+
+
+def test_a_parquet_file_of_an_earlier_batch_is_written_again_and_agrees_with_the_csv_file(tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed (extra `parquet`)")
+    (tmp_path / "in").mkdir()
+    (tmp_path / "p.toml").write_text('procedure = "pattern"\n')
+    out = tmp_path / "out"
+    words = ["batch", tmp_path / "in", "--procedure", tmp_path / "p.toml", "--out", out, "--jobs", 1]
+    for name, options in (("a", ["--parquet"]), ("b", []), ("c", [])):
+        (tmp_path / "in" / f"{name}.pgm").write_bytes(b"P5 2 2 255\n1234")
+        run(*words, *options, code=1)
+        lines = (out / "summary.csv").read_text().splitlines()
+        assert parquet.read_table(out / "summary.parquet").num_rows == len(lines) - 1

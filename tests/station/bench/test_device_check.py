@@ -262,6 +262,7 @@ def test_a_wrong_value_is_refused_with_key_value_line_and_remedy(tmp_path, name,
     [
         ("", "configures no devices; add tables like"),
         ("devices = 3", "configures no devices"),
+        ('unit = "lp/mm"\n[device.stage]\ndriver = "grbl"', "line 2: device is not known; write devices"),
         ("[devices]\nstage = 3", r"line 2: devices.stage must be a table; it is 3; begin one with \[devices.stage\]"),
         ("[devices.stage", "is not valid TOML: .*; correct that line"),
         ("[devices.stage]\ndriver = grbl", "is not valid TOML: .*line 2"),

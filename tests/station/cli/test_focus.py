@@ -2,11 +2,13 @@
 
 import json
 import math
+import threading
 
 import pytest
 
+from drivers.errors import EmergencyStopped
 from procedures.outcome import Outcome, Verdict
-from station.cli.focus import entry, line, summary
+from station.cli.focus import entry, line, summary, until_ended
 from station.guide.focus.live import FocusReading, LiveFrame
 from tests.program import run
 
@@ -31,3 +33,17 @@ def test_a_photograph_that_cannot_be_measured_is_reported_with_its_reason(tmp_pa
     assert line(seen) == "  1  one.dng: no chart in the photograph; show it"
     assert json.loads(json.dumps(entry(seen), allow_nan=False))["reason"] == "no chart in the photograph"
     assert summary(seen) == "none of 1 photographs could be measured"
+
+
+def test_an_exposure_that_ctrl_c_has_stopped_is_the_end_and_any_other_stop_an_error():
+    ended = threading.Event()
+
+    def frames(by_ctrl_c):
+        yield "frame"
+        if by_ctrl_c:
+            ended.set()
+        raise EmergencyStopped("emergency stop", "expose again")
+
+    with pytest.raises(EmergencyStopped):
+        list(until_ended(frames(by_ctrl_c=False), ended))
+    assert list(until_ended(frames(by_ctrl_c=True), ended)) == ["frame"]

@@ -1,15 +1,18 @@
 """`station --plain` as a program: pipes, the end of input, Ctrl-C, exit codes."""
 
+import io
 import os
 import signal
 import subprocess
 import sys
+import threading
 
 import pytest
 
 from procedures.outcome import Verdict
-from station.cli.guide import exit_code
+from station.cli.guide import PlainStop, exit_code
 from station.guide.frontend import Result, RunEnded
+from station.guide.line_frontend import STOPPING, LineOperator
 from station.sessions.reader import read_session
 from tests.program import run
 
@@ -50,7 +53,8 @@ def test_a_session_in_which_nothing_was_answered_is_not_kept(tmp_path, monkeypat
 def test_an_unknown_plan_is_named(tmp_path, monkeypatch, words):
     monkeypatch.chdir(tmp_path)
     # before the application looks for a terminal, which there is none
-    run(*words, "--simulate", "--plan", "x", code=2, says="no plan 'x'")
+    ended = run(*words, "--simulate", "--plan", "x", code=2, says="no plan 'x'")
+    assert STOPPING not in ended.stdout  # nothing was opened
     assert not os.path.exists("sessions")
 
 
@@ -85,3 +89,24 @@ def test_a_folder_of_sessions_that_cannot_be_written_is_named_before_the_first_q
     (tmp_path / "file").write_text("here first")
     done = run("--simulate", "--plain", "--sessions", tmp_path / "file" / "below", code=2, says="cannot be written")
     assert ">>" not in done.output
+
+
+class StoppableLab:
+    """The part of a lab by which a run is stopped."""
+
+    has_run = True
+
+    def stop_run(self):
+        pass
+
+
+def test_a_stop_from_two_threads_is_reported_once():
+    # SIGTERM stops the bench in the thread of the signals, and again by the SystemExit that it raises
+    output = io.StringIO()
+    stop = PlainStop(StoppableLab(), LineOperator(io.StringIO(), output))
+    stop.now()
+    stop.now()
+    for thread in threading.enumerate():
+        if thread.name == "at once":
+            thread.join()
+    assert output.getvalue().count(STOPPING) == 1

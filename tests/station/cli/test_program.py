@@ -1,14 +1,17 @@
 """The program as a process: what a shell sees."""
 
 import json
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.program import run
 
+ROOT = Path(__file__).resolve().parents[3]
 HEAVY = ("numpy", "scipy", "cv2", "rawpy", "exifread", "numba", "rich", "reportlab", "jinja2", "procedures.raw")
 OF_SETTINGS = ("numpy", "cv2", "procedures.raw")
 """What the options of a procedure need, which are those of its settings."""
@@ -28,6 +31,25 @@ def test_help_loads_nothing_heavy():
     done = subprocess.run([sys.executable, "-c", HELP], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("Usage:") == len(WORDS)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="closes streams in a shell")
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        ("--plain --simulate <&-", 130),
+        ("--plain --simulate </dev/null >&-", 130),
+        ("--simulate <&-", 2),
+        ("conform grbl --port /dev/nonexistent <&-", 130),
+    ],
+)
+def test_a_closed_stream_is_an_input_that_has_ended_or_an_output_without_a_reader(tmp_path, words, code):
+    done = subprocess.run(
+        ["sh", "-c", f"{sys.executable} -m station {words}"], cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == code, done.stderr
+    assert "unexpectedly" not in done.stderr
 
 
 @pytest.mark.slow

@@ -145,6 +145,7 @@ def test_older_result_stays_whole_when_the_new_photograph_cannot_be_read(estimat
         (["-s", "0"], "s must be 1 or more; got s = 0"),
         (["-k", "16"], "k must be odd and 3 or more, so that the support has a centre; got k = 16"),
         (["-k", "1"], "got k = 1"),
+        (["-k", "103"], "k at most 101; got s = auto, k = 103"),
         (["-s", "four"], "give a whole number, or auto; got 'four'"),
         (["--solver", "magic"], "'magic' is not one of"),
         (["--seed", "3", "--bits", "x.pgm"], "give one of them"),

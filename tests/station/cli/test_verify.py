@@ -52,6 +52,22 @@ def test_changed_number_in_certificate_or_record_is_found(copy):
     assert checks(done) == {"signature": True, "record": False}
 
 
+def test_an_edited_copy_under_another_name_is_found(copy):
+    page = copy / "out" / "copy.html"
+    page.write_bytes((copy / "out" / "certificate.html").read_bytes())
+    assert checks(run("verify", page, "--json", code=4))["files of the result"] is True
+    page.write_text(page.read_text().replace("0.57", "0.67", 1))
+    assert checks(run("verify", page, "--json", code=4))["files of the result"] is False
+
+
+def test_the_text_of_an_unsigned_certificate_of_a_session_is_reported_as_not_compared(copy, tmp_path):
+    session = tmp_path / "session"
+    shutil.copytree(copy / "out", session / "derived" / "1")
+    shutil.copy(copy / "out" / "certificate.html", session)
+    found = checks(run("verify", session / "certificate.html", "--json", code=4))  # it has no journal
+    assert (found["record"], found["certificate"]) == (True, None)
+
+
 def signature_of(out, *words):
     done = run("verify", out / "certificate.html", "--json", *words, code=None)
     return next(one for one in json.loads(done.stdout)["checks"] if one["name"] == "signature")

@@ -94,3 +94,13 @@ def test_wrong_details_are_refused_with_the_name_of_the_file(tmp_path, text):
     toml.write_text(text)
     with pytest.raises(BadParameter, match=r"mine\.toml|customre|number"):
         CertificateDetails.read(toml)
+
+
+def test_a_logo_that_is_no_whole_image_is_refused_before_the_measurement(tmp_path):
+    toml, logo = tmp_path / "mine.toml", tmp_path / "logo.png"
+    toml.write_text('logo = "logo.png"')
+    image = cv2.imencode(".png", np.arange(10_000, dtype=np.uint8).reshape(100, 100))[1].tobytes()
+    for data in (b"text", image[: len(image) // 2]):
+        logo.write_bytes(data)
+        with pytest.raises(BadParameter, match="which is no whole PNG or JPEG image"):
+            CertificateDetails.read(toml)

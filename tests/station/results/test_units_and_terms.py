@@ -132,6 +132,15 @@ def test_a_limit_that_cannot_be_meant_is_refused(text, complaint):
         parse_specification(text, "lens.toml")
 
 
+def test_the_remedy_for_a_limit_without_a_number_names_one():
+    with pytest.raises(BadParameter, match="number is missing") as refusal:
+        parse_specification("[[limit]]\nmin = 0.3", "lens.toml")
+    assert refusal.value.remedy == 'write number = "mtf50", for example'
+    with pytest.raises(BadParameter, match="limit must be a list of tables") as refusal:
+        parse_specification("[limit]\nmtf50 = { min = 0.3 }", "lens.toml")
+    assert refusal.value.remedy == 'write limit = [{ number = "mtf50" }], for example'
+
+
 def test_a_limit_may_be_one_number():
     (limit,) = parse_specification("[limits]\nmtf50 = { min = 0.3, max = 0.3 }", "lens.toml").limits
     assert (limit.least, limit.most) == (0.3, 0.3)

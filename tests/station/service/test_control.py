@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from procedures import BadParameter, Plane
-from procedures.plan import Advice, Outline, Step
-from station.guide.frontend import FrameEvent, StepBegan
+from procedures.plan import Advice, Ask, Outline, Step
+from station.guide.frontend import FrameEvent, StepBegan, Stopped
 from station.service.bench_state import coach_record
-from station.service.remote_operator import RunStatus, after
+from station.service.remote_operator import RemoteOperator, RunStatus, after
 from station.service.runs import read_order
 
 from .alpaca_clients import beside
@@ -72,6 +72,14 @@ def test_a_run_waits_for_answers_that_have_no_default(client):
     assert wait_for(client, lambda run: run["ended"])["ended"] == "stopped"
 
 
+def test_an_invalid_given_answer_is_not_replaced_by_the_default():
+    operator = RemoteOperator({"width": 300}, by_default=True, show=lambda plane: None)
+    assert operator.answer(Ask("depth", "How deep?", "number", default=5.0)) == 5.0
+    operator.stop()  # so that a question is not waited for
+    with pytest.raises(Stopped):
+        operator.answer(Ask("width", "How wide?", "number", default=5.0, low=1.0, high=9.0))
+
+
 def test_the_stop_needs_no_token_and_ends_the_run(client, served):
     client.post("/run", {**UNATTENDED, "answers": {}})
     wait_for(client, lambda run: run["question"])
@@ -131,9 +139,10 @@ def test_the_newest_photograph_is_a_picture(client, served):
     [
         ([], "JSON object"),
         ({"plans": "pattern"}, "no 'plans'"),
-        ({"plan": 3}, "must be a str; got 3"),
+        ({"plan": None}, "must be text; got null"),
+        ({"answers": [1]}, r"must be an object; got \[1\]"),
         ({"answers": {"width": None}}, "answers to width"),
-        ({"by_default": "yes"}, "must be a bool"),
+        ({"by_default": "yes"}, 'must be true or false; got "yes"'),
     ],
 )
 def test_an_order_that_cannot_be_meant_is_refused(order, reason):

@@ -155,6 +155,7 @@ def spoiled(z):
     return {
         "identical": ([z[0], z[0]], BadInput, "identical"),
         "sizes": ([z[0], z[1][:, :-3]], BadInput, "of one size"),
+        "colours": ([z[0], np.concatenate([z[1]] * 3)], BadInput, "got 1, 3"),
         "one": ([z[0]], BadInput, "two photographs"),
         "nan": ([z[0], z[1] * np.nan], BadInput, "must be finite"),
         "flat": (list(flat), Refused, "need texture"),
@@ -163,7 +164,7 @@ def spoiled(z):
     }
 
 
-@pytest.mark.parametrize("kind", ["identical", "sizes", "one", "nan", "flat", "saturated", "shifted"])
+@pytest.mark.parametrize("kind", ["identical", "sizes", "colours", "one", "nan", "flat", "saturated", "shifted"])
 def test_bad_photographs_are_refused_with_reason(vibrating, kind):
     photographs, error, complaint = spoiled(vibrating.z)[kind]
     with pytest.raises(error, match=complaint) as refusal:
