@@ -8,6 +8,7 @@ import pytest
 from PIL import Image, ImageCms
 from scipy.ndimage import gaussian_filter
 
+from drivers.tiff import head, long, short
 from procedures.developed import read_developed
 from procedures.outcome import BadInput
 from procedures.reading.development import curve_of_profile, named_curve
@@ -115,6 +116,23 @@ def test_an_opaque_picture_is_read_and_a_transparent_one_refused(tmp_path):
     opaque[0, 0, 3] = 100
     with pytest.raises(BadInput, match="one channel or three"):
         read_developed(saved(opaque, tmp_path / "b.png"))
+
+
+@pytest.mark.parametrize(("mode", "words"), [("CMYK", "has CMYK"), ("LAB", r"has CIE L\*a\*b\*")])
+def test_a_tiff_in_other_colours_than_rgb_is_refused(tmp_path, mode, words):
+    Image.fromarray(scene()).convert(mode).save(tmp_path / "a.tiff")
+    with pytest.raises(BadInput, match=words):
+        read_developed(tmp_path / "a.tiff")
+
+
+def test_a_tiff_of_16_bits_with_a_plane_for_each_colour_is_refused(tmp_path):
+    # OpenCV fills the rows with the samples of other planes and reports no error
+    levels = np.rint(65535 * LIGHT).astype("<u2").transpose(2, 0, 1)
+    tags = {256: long(5), 257: long(4), 258: short(16, 16, 16), 259: short(1), 262: short(2), 277: short(3),
+            278: long(4), 279: long(40, 40, 40), 284: short(2)}  # fmt: skip
+    (tmp_path / "a.tiff").write_bytes(head(tags, {}, [40] * 3) + levels.tobytes())
+    with pytest.raises(BadInput, match="each colour as a plane of its own"):
+        read_developed(tmp_path / "a.tiff")
 
 
 @pytest.mark.parametrize("suffix", [".jpg", ".webp", ".png", ".tiff"])
