@@ -1,7 +1,5 @@
 """Developed pictures: their light, the error of their coding, and their files, by Pillow's and OpenCV's own writers."""
 
-from io import BytesIO
-
 import cv2
 import numpy as np
 import pytest
@@ -118,6 +116,22 @@ def test_an_opaque_picture_is_read_and_a_transparent_one_refused(tmp_path):
         read_developed(saved(opaque, tmp_path / "b.png"))
 
 
+@pytest.mark.parametrize(("suffix", "mode", "words"), [
+    (".jpg", "CMYK", "has CMYK"), (".webp", "RGBA", "transparency"), (".heic", "RGBA", "transparency"),
+])  # fmt: skip
+def test_coded_pictures_in_cmyk_or_with_transparency_are_refused(tmp_path, suffix, mode, words):
+    if suffix == ".heic":
+        pytest.importorskip("pillow_heif", reason="pillow-heif is not installed").register_heif_opener()
+    image = Image.fromarray(scene()).convert(mode)
+    image.save(tmp_path / f"a{suffix}")
+    if mode == "RGBA":
+        assert "G" in read_developed(tmp_path / f"a{suffix}").planes  # opaque
+        image.putalpha(100)
+        image.save(tmp_path / f"a{suffix}")
+    with pytest.raises(BadInput, match=words):
+        read_developed(tmp_path / f"a{suffix}")
+
+
 @pytest.mark.parametrize(("mode", "words"), [("CMYK", "has CMYK"), ("LAB", r"has CIE L\*a\*b\*")])
 def test_a_tiff_in_other_colours_than_rgb_is_refused(tmp_path, mode, words):
     Image.fromarray(scene()).convert(mode).save(tmp_path / "a.tiff")
@@ -135,14 +149,17 @@ def test_a_tiff_of_16_bits_with_a_plane_for_each_colour_is_refused(tmp_path):
         read_developed(tmp_path / "a.tiff")
 
 
-@pytest.mark.parametrize("suffix", [".jpg", ".webp", ".png", ".tiff"])
+@pytest.mark.parametrize("suffix", [".jpg", ".webp", ".heic", ".png", ".tiff"])
 def test_truncated_pictures_are_refused(tmp_path, suffix):
-    file = BytesIO()
-    Image.fromarray(scene()).save(file, {".jpg": "JPEG", ".webp": "WEBP", ".png": "PNG", ".tiff": "TIFF"}[suffix])
-    path = tmp_path / f"a{suffix}"
-    path.write_bytes(file.getvalue()[: len(file.getvalue()) // 2])
-    with pytest.raises(BadInput):
-        read_developed(path)
+    if suffix == ".heic":
+        pytest.importorskip("pillow_heif", reason="pillow-heif is not installed").register_heif_opener()
+    path = saved(scene(), tmp_path / f"a{suffix}")
+    data = path.read_bytes()
+    for end in (20, len(data) // 2):
+        with pytest.raises(BadInput) as refused:
+            read_developed(path, data=data[:end])
+        assert "object at" not in refused.value.reason
+        assert "\n" not in refused.value.reason
 
 
 def test_a_text_is_no_picture(tmp_path):
