@@ -8,6 +8,7 @@ import exifread
 import numpy as np
 import pytest
 import rawpy
+from PIL import Image
 
 from drivers.dng import Shot, write_dng
 from procedures.correction.checks import check_exposure
@@ -90,6 +91,21 @@ def test_a_developed_picture_is_corrected_in_its_format_and_doubtful(files, tmp_
     picture = cv2.imread(str(tmp_path / "out" / name), cv2.IMREAD_UNCHANGED)
     light = curve.decoded(picture / depth).transpose(2, 0, 1)[::-1]
     assert seen.psnr(light) > seen.psnr(curve.decoded(through).transpose(2, 0, 1)[::-1]) + 1
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".webp", ".tiff"])
+def test_a_developed_picture_keeps_orientation_and_metadata(files, tmp_path, suffix):
+    folder, seen, _ = files
+    levels = np.stack([255 * named_curve("srgb").encoded(seen.light[plane]) for plane in ("R", "G1", "B")], axis=-1)
+    exif = Image.Exif()
+    exif[271], exif[274], exif[33432] = "Bench", 6, "by the Bench"
+    Image.fromarray(np.rint(levels).astype(np.uint8)).save(tmp_path / f"a{suffix}", exif=exif)
+    out = tmp_path / "out"
+    correct(tmp_path / f"a{suffix}", "--field", folder / "field.h5", "--insist", *FEW, "--no-report", "--out", out)
+    for path in (out / "corrected.tiff", out / f"picture{suffix}"):
+        with Image.open(path) as picture:
+            kept = picture.getexif()
+            assert (kept[271], kept[274], kept[33432]) == ("Bench", 6, "by the Bench"), path
 
 
 @pytest.fixture(scope="module")
