@@ -146,8 +146,7 @@ def read_tiff(data: bytes, name: str) -> tuple[Samples, int]:
     else:
         raise BadInput(f"{name} is truncated or damaged: it cannot be decoded completely", _AGAIN)
     if levels.ndim != 2:
-        channels = levels.shape[2]
-        raise BadInput(f"a photograph must be one linear grey plane; {name} has {channels} channels", _EXPORT)
+        raise ColourInput(f"a photograph must be one linear grey plane; {name} has a palette", _EXPORT)
     if levels.dtype not in (np.uint8, np.uint16):
         raise BadInput(f"grey levels must be integers of 8 or 16 bits; {name} has {levels.dtype}", _EXPORT)
     return levels, int(np.iinfo(levels.dtype).max)

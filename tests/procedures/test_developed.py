@@ -9,9 +9,11 @@ from scipy.ndimage import gaussian_filter
 from drivers.tiff import head, long, short
 from procedures.developed import read_developed
 from procedures.outcome import BadInput
+from procedures.raw import read_frame
 from procedures.reading.development import curve_of_profile, named_curve
 from station.calibration.camera_metadata import CameraMetadata
 from station.calibration.picture_files import write_linear_dng
+from station.procedure.base import read_picture
 
 LIGHT = np.linspace(0, 1, 60).reshape(4, 5, 3)
 LEVELS = np.where(LIGHT <= 0.0031308, 12.92 * LIGHT, 1.055 * LIGHT ** (1 / 2.4) - 0.055)  # IEC 61966-2-1
@@ -147,6 +149,15 @@ def test_a_tiff_of_16_bits_with_a_plane_for_each_colour_is_refused(tmp_path):
     (tmp_path / "a.tiff").write_bytes(head(tags, {}, [40] * 3) + levels.tobytes())
     with pytest.raises(BadInput, match="each colour as a plane of its own"):
         read_developed(tmp_path / "a.tiff")
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tiff"])
+def test_a_palette_is_colours(tmp_path, suffix):
+    palette = Image.fromarray(scene()).quantize(16)
+    palette.save(tmp_path / f"a{suffix}")
+    frame = read_picture(tmp_path / f"a{suffix}", None, read_frame)
+    levels = np.stack([frame.development.curve.encoded(frame.planes[c].samples) for c in "RGB"], axis=-1)
+    np.testing.assert_allclose(255 * levels, np.asarray(palette.convert("RGB")), atol=0.05)
 
 
 @pytest.mark.parametrize("suffix", [".jpg", ".webp", ".heic", ".png", ".tiff"])
