@@ -162,6 +162,16 @@ def test_a_grey_photograph_whose_camera_is_not_known_is_doubtful(files, tmp_path
     assert plain.psnr(picture) > plain.psnr(plain.frame.planes["Y"].samples[None]) + 2
 
 
+def test_a_result_into_the_folder_of_its_photograph_does_not_replace_it(files, done, tmp_path):
+    picture = tmp_path / "corrected.tiff"
+    for name in ("corrected.tiff", "result.json"):
+        (tmp_path / name).write_bytes((done[1] / name).read_bytes())
+    before = picture.read_bytes()
+    says = "would replace"
+    correct(picture, "--field", files[0] / "field.h5", "--insist", "--out", tmp_path, code=2, says=says)
+    assert picture.read_bytes() == before
+
+
 def test_a_field_of_another_aperture_is_refused_and_leaves_nothing(files, tmp_path):
     lens = SmallLens(PLANES, 0.6)
     write_field(tmp_path / "field.h5", {"G1": lens.field("G1")}, {}, [], {}, replace(CAMERA, f_number=5.6))
