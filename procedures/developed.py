@@ -25,6 +25,7 @@ from procedures.reading.guard import Room, decoding
 from procedures.reading.tiff_tags import ICC_PROFILE, image_directories
 
 _AGAIN = "copy it again, or export it as TIFF or PNG"
+_RGB = "export it as grey or RGB, without transparency"
 BYTES = 16  # bytes of a pixel of three colours while it is decoded
 COLOURS = {1: (GREY_PLANE,), 3: ("R", "G", "B")}
 
@@ -95,6 +96,10 @@ def _read_8(data: bytes, name: str) -> tuple[npt.NDArray[np.uint8], float, bytes
 
     with pillow(heif=data[4:8] == b"ftyp", name=name).open(BytesIO(data)) as image:
         Room(name).take(BYTES * image.width * image.height, f"{image.width} x {image.height} pixels")
+        if image.mode == "CMYK":
+            raise BadInput(f"the colours of a picture must be grey or RGB; {name} has CMYK", _RGB)
+        if "A" in image.getbands() and image.getchannel("A").getextrema()[0] < 255:
+            raise BadInput(f"a picture must be opaque; {name} has transparency", _RGB)
         icc, exif = image.info.get("icc_profile") or b"", image.info.get("exif") or b""
         levels = np.asarray(image if image.mode == "L" else image.convert("RGB"), dtype=np.uint8)
         levels, steps = levels.reshape(*levels.shape[:2], -1), getattr(image, "quantization", {}).get(0)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import nnls
 
+from procedures.outcome import BadInput
 from procedures.raw import Plane
 from procedures.reading.development import Development
 
@@ -67,7 +68,7 @@ def with_coding(noise: Noise, development: Development) -> Noise:
 
 
 def noise_of(plane: Plane) -> Noise:
-    """Noise of a plane's samples, at least that of quantisation."""
+    """Noise of a plane's samples, at least that of quantisation. Raises BadInput for a plane without a block inside."""
     level, second, fourth = _blocks(plane.samples)
     floor = plane.quantisation**2 / 12
     bands = np.array_split(np.argsort(level), min(BANDS, max(len(level) // 40, 1)))
@@ -89,6 +90,10 @@ def _blocks(samples: Single) -> tuple[Array, Array, Array]:
     import cv2
 
     rows, columns = (size // BLOCK * BLOCK for size in samples.shape)
+    if min(rows, columns) < (least := 3 * BLOCK):
+        size = f"{samples.shape[1]} x {samples.shape[0]}"
+        reason = f"noise is estimated from planes of {least} x {least} pixels or more; got {size}"
+        raise BadInput(reason, "give a larger photograph")
     images = [samples[:rows, :columns]]
     for taps in (np.array(difference) / np.linalg.norm(difference) for difference in FINE):
         fine = cv2.sepFilter2D(samples, cv2.CV_32F, taps, taps)[:rows, :columns]

@@ -15,6 +15,7 @@ from procedures.reading.tiff_tags import (
     BITS_PER_SAMPLE,
     LENGTH,
     PHOTOMETRIC,
+    PLANAR,
     SAMPLES_PER_PIXEL,
     TILE_LENGTH,
     TILE_WIDTH,
@@ -145,8 +146,7 @@ def read_tiff(data: bytes, name: str) -> tuple[Samples, int]:
     else:
         raise BadInput(f"{name} is truncated or damaged: it cannot be decoded completely", _AGAIN)
     if levels.ndim != 2:
-        channels = levels.shape[2]
-        raise BadInput(f"a photograph must be one linear grey plane; {name} has {channels} channels", _EXPORT)
+        raise ColourInput(f"a photograph must be one linear grey plane; {name} has a palette", _EXPORT)
     if levels.dtype not in (np.uint8, np.uint16):
         raise BadInput(f"grey levels must be integers of 8 or 16 bits; {name} has {levels.dtype}", _EXPORT)
     return levels, int(np.iinfo(levels.dtype).max)
@@ -191,14 +191,32 @@ def read_levels(data: bytes, name: str) -> Samples:
 
 
 def _declared_size(data: bytes, name: str) -> tuple[int, int]:
-    """Declared columns and rows of a PNG or TIFF. Raises BadInput where there are none."""
+    """Declared columns and rows of a PNG or TIFF. Raises BadInput where there are none, or its colours are not RGB."""
     if data.startswith(PNG_MAGIC) and len(data) >= 26:
         columns, rows = struct.unpack_from(">II", data, 16)
         return columns, rows
     for tags in image_directories(io.BytesIO(data), name)[:1]:
+        _check_colours(tags, name)
         tile = max(1, _first(tags, TILE_WIDTH, 1)), max(1, _first(tags, TILE_LENGTH, 1))
         return max(_first(tags, WIDTH, 0), tile[0]), max(_first(tags, LENGTH, 0), tile[1])
     raise BadInput(f"{name} is not a readable TIFF or PNG", _COLOURS)
+
+
+_RGB = (1, 2, 3, 6)
+"""PhotometricInterpretation of grey from black, RGB, a palette and YCbCr, which OpenCV decodes to grey or RGB."""
+_SEPARATE = 2
+
+
+def _check_colours(tags: Tags, name: str) -> None:
+    """Raise BadInput for a TIFF's page that OpenCV decodes to other colours without an error."""
+    if (kind := _first(tags, PHOTOMETRIC, 2)) not in _RGB:
+        kinds = {WHITE_IS_ZERO: "white as 0", 5: "CMYK", 8: "CIE L*a*b*", 9: "CIE L*a*b*"}
+        reason = f"the colours of a picture must be grey or RGB; {name} has {kinds.get(kind, f'others, {kind}')}"
+        raise BadInput(reason, _COLOURS)
+    channels, depth = _first(tags, SAMPLES_PER_PIXEL, 1), _first(tags, BITS_PER_SAMPLE, 8)
+    if channels > 1 and depth > 8 and _first(tags, PLANAR, 1) == _SEPARATE:
+        reason = f"the colours of a pixel must be stored together; {name} has each colour as a plane of its own"
+        raise BadInput(reason, "export it with interleaved colours (PlanarConfiguration 1)")
 
 
 _COLOURS = "export it as grey or RGB TIFF or PNG of 8 or 16 bits, without transparency"

@@ -67,8 +67,9 @@ def _words(error: Exception) -> str:
     """Description of an error; programming errors become "it is incomplete"."""
     if isinstance(error, KeyError | TypeError | AttributeError | IndexError):
         return "it is incomplete, or a part has another type"
-    plain = isinstance(error, ValueError | OSError) and str(error)  # their texts are readable
-    return str(error) if plain else f"{type(error).__name__}: {error}".rstrip(": ")
+    words = " ".join(str(error).split(" <_io.")[0].split())  # one line, without the address of an object
+    plain = isinstance(error, ValueError | OSError) and words  # their texts are readable
+    return words if plain else f"{type(error).__name__}: {words}".rstrip(": ")
 
 
 def open_file(path: Path, what: str = "photograph") -> BufferedReader:

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 
 from drivers.tiff import EXIF, Entry, rational, short, text
-from procedures.raw import Exposure, RawFrame
+from procedures.raw import Exposure, RawFrame, read_photograph
 
 SIZES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 4, 6: 1, 7: 1, 8: 2, 9: 4, 10: 4, 11: 4, 12: 8}
 """Bytes of a number of each type; types 5 and 10 are two."""
@@ -33,6 +33,12 @@ class CameraMetadata:
     picture: Mapping[int, Entry] = field(default_factory=dict)
     colour: Mapping[int, Entry] = field(default_factory=dict)
     exif: Mapping[int, Entry] = field(default_factory=dict)
+
+
+def metadata_of(frame: RawFrame) -> CameraMetadata:
+    """The metadata of a photograph's file. Raises BadInput if it can no longer be read."""
+    exif = frame.development.exif if frame.development else b""
+    return read_metadata(exif.removeprefix(b"Exif\0\0") or read_photograph(frame.path), frame.exposure)
 
 
 def read_metadata(data: bytes, exposure: Exposure) -> CameraMetadata:

@@ -17,8 +17,8 @@ from procedures.pattern_psf.estimate import PUPIL_SPREAD
 from procedures.pattern_psf.focus.aperture import CONTRADICTION_SIGMAS, mean_f_number
 from procedures.psf_field import PsfField
 from procedures.quality import OPERATOR, WAVELENGTHS_NM, Diffraction
-from procedures.raw import Exposure, RawFrame, read_photograph
-from station.calibration.camera_metadata import CameraMetadata, read_metadata
+from procedures.raw import Exposure, RawFrame
+from station.calibration.camera_metadata import CameraMetadata, metadata_of
 from station.calibration.picture_files import BLACK, WHITE, write_linear_dng, write_tiff
 from station.calibration.restoration.developed import picture_file, unknown_of, wrong_curve
 from station.results.exports import csv_columns
@@ -74,8 +74,7 @@ def correct_photographs(
         remedy = "compare them yourself, or measure the field from files with the camera's metadata"
         outcome = mark_doubtful(outcome, reason, remedy)
     outcome = _judged(outcome, frame)
-    metadata = read_metadata(read_photograph(frame.path), frame.exposure)
-    return Corrected(frame, outcome, metadata, tuple(shifts), tuple(lights), tuple(others))
+    return Corrected(frame, outcome, metadata_of(frame), tuple(shifts), tuple(lights), tuple(others))
 
 
 @dataclass(frozen=True)

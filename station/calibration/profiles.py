@@ -61,7 +61,7 @@ def add_profile(result: Path, given: Exposure, library: Path, *, replace: bool =
     words = [exposure.camera, exposure.lens, f"f{exposure.f_number:g}"]
     words += [f"{focal:g}mm"] if focal else []
     words += [f"{focus / 1000:g}m"] if focus else []
-    path = library / ("_".join(re.sub(r"[^0-9A-Za-z.]+", "-", str(word)).strip("-.") for word in words) + ".h5")
+    path = library / ("_".join(re.sub(r"(?:[^\w.]|_)+", "-", str(word)).strip("-.") for word in words) + ".h5")
     if path.exists() and not replace:
         raise BadParameter(f"the library has a profile with these settings, {path}", "give --replace")
     library.mkdir(parents=True, exist_ok=True)

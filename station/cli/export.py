@@ -61,13 +61,16 @@ def export(
         made = _dng(result, plane, vignetting, photo, out, gain_map=gain_map)
     else:
         made = export_camera(read_camera(result, plane), form)
-    write_export(made, out)
+    write_export(made, result, out)
 
 
-def write_export(made: Export, out: Path) -> None:
-    """Write the file, and report what it does not represent."""
+def write_export(made: Export, result: Path, out: Path) -> None:
+    """Write the file, and report what it does not represent. Raises BadParameter if it would replace the result."""
+    from procedures.outcome import BadParameter
     from station.common.durable_files import write_whole
 
+    if out.exists() and out.samefile(result):
+        raise BadParameter(f"the export must be another file than the result; got {out}", "name another file")
     write_whole(out, made.data)
     for one in made.lost:
         log("lost", one)

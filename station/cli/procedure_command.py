@@ -191,11 +191,12 @@ def _results(
     overlays, details = procedure.read_overlays(overlays, terms), details_of(given)
     if procedure.inputs is Inputs.PHOTOGRAPHS:
         paths = [path for one in paths for path in ([one] if one.is_file() else photographs(one))]
+    inputs = [*paths, *procedure.files(paths, settings)]
     with progress(procedure.steps(paths)) as shown:
         results = procedure.measurements(paths, settings, terms, shown)
         for place in procedure.places(paths):
             start = time.perf_counter()
-            with ResultFolder(out / place, force=force_option.given()) as folder:
+            with ResultFolder(out / place, force=force_option.given(), inputs=inputs) as folder:
                 measurement = next(results)
                 taken = round(time.perf_counter() - start, 3)
                 given_settings = measurement.head.settings or to_record(settings)

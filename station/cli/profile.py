@@ -76,11 +76,12 @@ def profile_find(photo: Path | None, library: Path | None, as_json: bool, **give
     """
     from procedures.raw import read_frame
     from station.calibration.profiles import completed, find_profiles, library_folder, profiles
+    from station.procedure.base import read_picture
 
     folder = library or library_folder()
     wanted = _settings(**given)
     if photo is not None:
-        wanted = completed(wanted, read_frame(photo).exposure)
+        wanted = completed(wanted, read_picture(photo, None, read_frame).exposure)
     all_of_them = photo is None and not any(given.values())
     fitting = profiles(folder) if all_of_them else find_profiles(wanted, folder)
     if as_json:
@@ -130,4 +131,4 @@ def profile_export(result: Path, form: str, noise_gain: float, columns: int, out
         [] if exposure is None else [exposure.camera, exposure.lens, exposure.f_number and f"f/{exposure.f_number:g}"]
     )
     tiles = kernel_tiles(read_field(path), noise_gain=noise_gain, columns=columns)
-    write_export(export_kernels(tiles, form, ", ".join(str(one) for one in known if one) or path.name), out)
+    write_export(export_kernels(tiles, form, ", ".join(str(one) for one in known if one) or path.name), path, out)

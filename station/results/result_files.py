@@ -45,12 +45,14 @@ class ResultFolder:
     finds a record finds every file it speaks of, on the disk. Folders inside it are kept. Entering proves that the
     folder can be written, before any work is done, and that nothing in it has the name of a file of results that this
     program has not written as it is. `sealed` adds the hashes of all files and of the record itself; `force` writes
-    foreign files over, and removes those that would pass for a part of this result. Raises BadParameter on entering, if
-    the folder cannot be made or written, or holds such a file.
+    foreign files over, and removes those that would pass for a part of this result. `inputs` are files from which the
+    result is computed: they are never replaced or removed. Raises BadParameter on entering, if the folder cannot be
+    made or written, or holds such a file.
     """
 
-    def __init__(self, path: Path, *, sealed: bool = True, force: bool = False) -> None:
+    def __init__(self, path: Path, *, sealed: bool = True, force: bool = False, inputs: Sequence[Path] = ()) -> None:
         self.path = path
+        self.inputs = inputs
         self.sealed = sealed
         self.force = force
         self._created: list[Path] = []
@@ -61,6 +63,7 @@ class ResultFolder:
             self.path.mkdir(parents=True, exist_ok=True)
             self._created = missing
             self._check(self._named())
+            self._check_inputs([*own_hashes(self.path), *self._named()])
             sweep(self.path, UNFINISHED)
             self.staging, self._held = make(UNFINISHED, self.path)
         except OSError as error:
@@ -94,6 +97,7 @@ class ResultFolder:
         staged = sorted(file.relative_to(self.staging) for file in self.staging.rglob("*") if file.is_file())
         staged.sort(key=lambda name: name == Path(RECORD))
         self._check([name.as_posix() for name in staged])
+        self._check_inputs([name.as_posix() for name in staged])
         for name in staged:
             disk.settle(self.staging / name)
         older = own_hashes(self.path)
@@ -128,6 +132,15 @@ class ResultFolder:
                 f"{self.path} holds {', '.join(foreign[:5])}, which the program has not written in this form",
                 "name a new folder with --out, move the file away, or add --force to write over it",
             )
+
+    def _check_inputs(self, names: Sequence[str]) -> None:
+        """Raise BadParameter if one of these files is an input."""
+        there = [self.path / name for name in names if (self.path / name).exists()]
+        for one in self.inputs:
+            if one.exists() and any(file.samefile(one) for file in there):
+                raise BadParameter(
+                    f"the result would replace {one}, which is read for it", "name a new folder with --out"
+                )
 
     def _is_own(self, name: str, older: Mapping[str, Sequence[str]]) -> bool:
         """Whether a file is what this program wrote under this name."""

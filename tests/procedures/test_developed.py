@@ -1,18 +1,19 @@
 """Developed pictures: their light, the error of their coding, and their files, by Pillow's and OpenCV's own writers."""
 
-from io import BytesIO
-
 import cv2
 import numpy as np
 import pytest
 from PIL import Image, ImageCms
 from scipy.ndimage import gaussian_filter
 
+from drivers.tiff import head, long, short
 from procedures.developed import read_developed
 from procedures.outcome import BadInput
+from procedures.raw import read_frame
 from procedures.reading.development import curve_of_profile, named_curve
 from station.calibration.camera_metadata import CameraMetadata
 from station.calibration.picture_files import write_linear_dng
+from station.procedure.base import read_picture
 
 LIGHT = np.linspace(0, 1, 60).reshape(4, 5, 3)
 LEVELS = np.where(LIGHT <= 0.0031308, 12.92 * LIGHT, 1.055 * LIGHT ** (1 / 2.4) - 0.055)  # IEC 61966-2-1
@@ -117,14 +118,59 @@ def test_an_opaque_picture_is_read_and_a_transparent_one_refused(tmp_path):
         read_developed(saved(opaque, tmp_path / "b.png"))
 
 
-@pytest.mark.parametrize("suffix", [".jpg", ".webp", ".png", ".tiff"])
+@pytest.mark.parametrize(("suffix", "mode", "words"), [
+    (".jpg", "CMYK", "has CMYK"), (".webp", "RGBA", "transparency"), (".heic", "RGBA", "transparency"),
+])  # fmt: skip
+def test_coded_pictures_in_cmyk_or_with_transparency_are_refused(tmp_path, suffix, mode, words):
+    if suffix == ".heic":
+        pytest.importorskip("pillow_heif", reason="pillow-heif is not installed").register_heif_opener()
+    image = Image.fromarray(scene()).convert(mode)
+    image.save(tmp_path / f"a{suffix}")
+    if mode == "RGBA":
+        assert "G" in read_developed(tmp_path / f"a{suffix}").planes  # opaque
+        image.putalpha(100)
+        image.save(tmp_path / f"a{suffix}")
+    with pytest.raises(BadInput, match=words):
+        read_developed(tmp_path / f"a{suffix}")
+
+
+@pytest.mark.parametrize(("mode", "words"), [("CMYK", "has CMYK"), ("LAB", r"has CIE L\*a\*b\*")])
+def test_a_tiff_in_other_colours_than_rgb_is_refused(tmp_path, mode, words):
+    Image.fromarray(scene()).convert(mode).save(tmp_path / "a.tiff")
+    with pytest.raises(BadInput, match=words):
+        read_developed(tmp_path / "a.tiff")
+
+
+def test_a_tiff_of_16_bits_with_a_plane_for_each_colour_is_refused(tmp_path):
+    # OpenCV fills the rows with the samples of other planes and reports no error
+    levels = np.rint(65535 * LIGHT).astype("<u2").transpose(2, 0, 1)
+    tags = {256: long(5), 257: long(4), 258: short(16, 16, 16), 259: short(1), 262: short(2), 277: short(3),
+            278: long(4), 279: long(40, 40, 40), 284: short(2)}  # fmt: skip
+    (tmp_path / "a.tiff").write_bytes(head(tags, {}, [40] * 3) + levels.tobytes())
+    with pytest.raises(BadInput, match="each colour as a plane of its own"):
+        read_developed(tmp_path / "a.tiff")
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tiff"])
+def test_a_palette_is_colours(tmp_path, suffix):
+    palette = Image.fromarray(scene()).quantize(16)
+    palette.save(tmp_path / f"a{suffix}")
+    frame = read_picture(tmp_path / f"a{suffix}", None, read_frame)
+    levels = np.stack([frame.development.curve.encoded(frame.planes[c].samples) for c in "RGB"], axis=-1)
+    np.testing.assert_allclose(255 * levels, np.asarray(palette.convert("RGB")), atol=0.05)
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".webp", ".heic", ".png", ".tiff"])
 def test_truncated_pictures_are_refused(tmp_path, suffix):
-    file = BytesIO()
-    Image.fromarray(scene()).save(file, {".jpg": "JPEG", ".webp": "WEBP", ".png": "PNG", ".tiff": "TIFF"}[suffix])
-    path = tmp_path / f"a{suffix}"
-    path.write_bytes(file.getvalue()[: len(file.getvalue()) // 2])
-    with pytest.raises(BadInput):
-        read_developed(path)
+    if suffix == ".heic":
+        pytest.importorskip("pillow_heif", reason="pillow-heif is not installed").register_heif_opener()
+    path = saved(scene(), tmp_path / f"a{suffix}")
+    data = path.read_bytes()
+    for end in (20, len(data) // 2):
+        with pytest.raises(BadInput) as refused:
+            read_developed(path, data=data[:end])
+        assert "object at" not in refused.value.reason
+        assert "\n" not in refused.value.reason
 
 
 def test_a_text_is_no_picture(tmp_path):

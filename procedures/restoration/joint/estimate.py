@@ -246,6 +246,7 @@ def judge(result: Restoration) -> Outcome[Restoration]:
     d = result.diagnostics
     doubtful, refused = Verdict.DOUBTFUL, Verdict.REFUSED
     noise = d.noise_gain * d.noise
+    negative = float(np.sqrt(np.mean(np.minimum(result.sharp, 0) ** 2)))
     order = _order(d)
     unexplained = 1.0 if order else SYMPTOM  # a wrong order alone causes a residual and an undetermined depth together
     return verdict_of([
@@ -274,6 +275,11 @@ def judge(result: Restoration) -> Outcome[Restoration]:
               f"{order}use the photograph, take photographs with less noise or more different blur, or raise "
               "--image-weight",
               least=True, prior=SYMPTOM**2),
+        # no light is negative, so that negative light is a lower bound of the picture's error
+        Check("negative light", negative / max(d.picture_std, LEAST_NOISE), 1, doubtful,
+              f"the restored picture has negative light of {negative:.1%} of white, more than its expected error of "
+              f"{d.picture_std:.1%}: the blur is not the one assumed",
+              "lower --max-w to what the blur surely does not exceed, or measure the shapes"),
         Check("depth", d.undetermined, MOST_UNDETERMINED, doubtful,
               f"depth is not determined in {d.undetermined:.0%} of the frame, where texture is weak",
               "put structure into the scene"),

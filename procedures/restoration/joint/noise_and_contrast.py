@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.fft import fft2, rfft2
 from scipy.ndimage import map_coordinates
 
+from procedures.outcome import Refused
 from procedures.restoration.joint.data_term import DataTerm
 from procedures.restoration.joint.gauss_newton import PriorWeights
 from procedures.restoration.joint.priors import diffuse
@@ -103,7 +104,8 @@ def separated(
 
 
 def band_powers(images: Array, others: Array | None = None) -> Array:
-    """Mean power of images (..., H, W) in every band of frequencies, (BANDS,), or cross power with others."""
+    """Mean power of images (..., H, W) in every band of frequencies, (BANDS,), or cross power with others. Raises
+    Refused if they are too small for frequencies in every band."""
     H, W = images.shape[-2:]
     spectra = rfft2(_windowed(images), workers=most_threads())
     other = spectra if others is None else rfft2(_windowed(others), workers=most_threads())
@@ -112,6 +114,9 @@ def band_powers(images: Array, others: Array | None = None) -> Array:
     twice[:, 0] = twice[:, W // 2 + W % 2 :] = 1.0
     ring = rings_of((H, W))[:, : W // 2 + 1].ravel() + 1
     power, count = (np.bincount(ring, of.ravel(), BANDS + 1)[1:] for of in (twice * mean, twice))
+    if not count.all():
+        reason = f"a picture of {W} x {H} pixels has no frequencies in one of {BANDS} bands"
+        raise Refused(reason, "give larger photographs")
     return np.asarray(power / count)
 
 

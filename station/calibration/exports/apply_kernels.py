@@ -6,6 +6,7 @@ the curve of sRGB, otherwise linear in light.
 
 import base64
 import io
+import re
 import sys
 
 import numpy as np
@@ -46,16 +47,20 @@ def read(path: str) -> tuple[np.ndarray, int]:
     """A picture (rows, columns, colours), and its white; 0 for floating-point numbers."""
     if path.endswith(".npy"):
         picture = np.load(path, allow_pickle=False)
+        if not (picture.dtype.kind == "f" or (picture.dtype.kind == "u" and picture.dtype.itemsize <= 2)):
+            sys.exit(f"numbers must be floating-point or unsigned of 8 or 16 bits; {path} has {picture.dtype}")
         white = 0 if picture.dtype.kind == "f" else np.iinfo(picture.dtype).max
         return picture.reshape(*picture.shape[:2], -1).astype(float), white
     with open(path, "rb") as file:
-        kind = file.readline().split()[0]
-        fields: list[bytes] = []
-        while len(fields) < 3:
-            fields += file.readline().split(b"#")[0].split()
-        columns, rows, white = map(int, fields)
-        values = np.frombuffer(file.read(), ">u2" if white > 255 else "u1")
-    return values.reshape(rows, columns, {b"P5": 1, b"P6": 3}[kind]).astype(float), white
+        data = file.read()
+    head = re.match(rb"P([56])" + 3 * rb"(?:\s|#[^\n]*\n)+(\d+)" + rb"\s", data)
+    if head is None:
+        sys.exit(f"{path} has no header of P5 or P6")
+    columns, rows, white = map(int, head.groups()[1:])
+    shape, kind = (rows, columns, 3 if head[1] == b"6" else 1), np.dtype(">u2" if white > 255 else "u1")
+    if len(data) < head.end() + np.prod(shape) * kind.itemsize:
+        sys.exit(f"{path} is truncated")
+    return np.frombuffer(data, kind, np.prod(shape), head.end()).reshape(shape).astype(float), white
 
 
 def write(path: str, picture: np.ndarray, white: int) -> None:
@@ -83,6 +88,8 @@ def main(arguments: list[str]) -> None:
     expected = (*stored["shape"].tolist(), stored["kernels"].shape[2])
     if picture.shape != expected:
         sys.exit(f"a picture of {expected} rows, columns, colours is required; got {picture.shape}")
+    if white == 0 and not files[1].endswith(".npy"):
+        sys.exit(f"floating-point numbers are written as .npy; got {files[1]}")
     scale = white or 1
     if srgb := "--srgb" in arguments:
         v = picture / scale

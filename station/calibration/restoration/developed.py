@@ -18,7 +18,7 @@ from procedures.raw import RawFrame
 from procedures.reading.development import LINEAR, Development
 from procedures.reading.tiff_tags import ICC_PROFILE
 from procedures.restoration.joint.result import Restoration
-from station.calibration.camera_metadata import read_metadata
+from station.calibration.camera_metadata import metadata_of
 from station.calibration.picture_files import write_tiff
 from station.drawing.pictures import encoded
 
@@ -95,7 +95,7 @@ def picture_file(
     levels, name = development.curve.encoded(picture), f"picture{SUFFIXES[development.format]}"
     words = f"{words}; tone curve: {development.curve.name}"
     if development.format in ("TIFF", RAW):
-        metadata = read_metadata(b"", frame.exposure)
+        metadata = metadata_of(frame)
         profile = {ICC_PROFILE: (7, len(development.icc), development.icc)} if development.icc else {}
         metadata = replace(metadata, picture={**metadata.picture, **profile})
         return {name: lambda path: write_tiff(path, levels, metadata, words)}

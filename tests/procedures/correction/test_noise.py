@@ -4,6 +4,7 @@ import pytest
 
 from procedures.correction.checks import LEAST_RISE
 from procedures.correction.noise import noise_of
+from procedures.outcome import BadInput
 from procedures.raw import Plane
 
 from .lens_photographs import Sensor
@@ -52,3 +53,9 @@ def test_a_tone_curve_is_detected_by_noise_that_falls_with_light():
 def test_noise_is_at_least_that_of_rounding():
     noise = noise_of(Plane("Y", np.full((64, 64), 0.5, np.float32), 0.01))
     assert noise.variance_at(np.array(0.5)) >= 0.01**2 / 12 * 0.999
+
+
+def test_a_plane_without_a_block_inside_is_refused():
+    noise = np.random.default_rng(1).random((20, 400), dtype=np.float32)
+    with pytest.raises(BadInput, match="24 x 24 pixels or more; got 400 x 20"):
+        noise_of(Plane.from_array(noise))

@@ -85,6 +85,36 @@ def test_the_python_file_refuses_a_picture_of_another_size_or_form(tmp_path, pic
         assert words in subprocess.run(command, capture_output=True, text=True, check=False).stderr
 
 
+@pytest.mark.parametrize(("head", "tail"), [(b"P6 160 128 255\n", b""), (b"P6\n# GIMP\n160 128 255\n", b"\n")])
+def test_the_python_file_reads_every_form_of_header(tmp_path, tiles, head, tail):
+    program = tmp_path / "filters.py"
+    program.write_bytes(export_kernels(tiles, "python", "Bench One").data)
+    (tmp_path / "in.ppm").write_bytes(head + bytes([100]) * (128 * 160 * 3) + tail)
+    command = [sys.executable, "-I", program, tmp_path / "in.ppm", tmp_path / "out.ppm"]
+    subprocess.run(command, timeout=20, check=True)
+    assert (cv2.imread(str(tmp_path / "out.ppm")) == 100).all()  # filters of sum 1
+
+
+def test_the_python_file_refuses_files_that_it_cannot_read_or_write(tmp_path, tiles):
+    program = tmp_path / "filters.py"
+    program.write_bytes(export_kernels(tiles, "python", "Bench One").data)
+    (tmp_path / "plain.ppm").write_bytes(b"P3\n160 128\n255\n0 0 0\n")
+    (tmp_path / "short.ppm").write_bytes(b"P6\n160 128\n255\n" + bytes(100))
+    (tmp_path / "empty.ppm").write_bytes(b"")
+    np.save(tmp_path / "float.npy", np.zeros((128, 160, 3)))
+    np.save(tmp_path / "signed.npy", np.zeros((128, 160, 3), np.int64))
+    for name, words in (
+        ("plain.ppm", "has no header of P5 or P6"), ("empty.ppm", "has no header of P5 or P6"),
+        ("short.ppm", "is truncated"), ("float.npy", "floating-point numbers are written as .npy"),
+        ("signed.npy", "must be floating-point or unsigned of 8 or 16 bits"),
+    ):  # fmt: skip
+        command = [sys.executable, "-I", program, tmp_path / name, tmp_path / "out.ppm"]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=20, check=False)
+        assert words in done.stderr
+        assert "Traceback" not in done.stderr
+        assert not (tmp_path / "out.ppm").exists()
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("sh") is None, reason="a shell script")
 def test_imagemagick_applies_the_filters(tmp_path, picture, tiles, expected):

@@ -8,6 +8,7 @@ import exifread
 import numpy as np
 import pytest
 import rawpy
+from PIL import Image
 
 from drivers.dng import Shot, write_dng
 from procedures.correction.checks import check_exposure
@@ -92,6 +93,21 @@ def test_a_developed_picture_is_corrected_in_its_format_and_doubtful(files, tmp_
     assert seen.psnr(light) > seen.psnr(curve.decoded(through).transpose(2, 0, 1)[::-1]) + 1
 
 
+@pytest.mark.parametrize("suffix", [".jpg", ".webp", ".tiff"])
+def test_a_developed_picture_keeps_orientation_and_metadata(files, tmp_path, suffix):
+    folder, seen, _ = files
+    levels = np.stack([255 * named_curve("srgb").encoded(seen.light[plane]) for plane in ("R", "G1", "B")], axis=-1)
+    exif = Image.Exif()
+    exif[271], exif[274], exif[33432] = "Bench", 6, "by the Bench"
+    Image.fromarray(np.rint(levels).astype(np.uint8)).save(tmp_path / f"a{suffix}", exif=exif)
+    out = tmp_path / "out"
+    correct(tmp_path / f"a{suffix}", "--field", folder / "field.h5", "--insist", *FEW, "--no-report", "--out", out)
+    for path in (out / "corrected.tiff", out / f"picture{suffix}"):
+        with Image.open(path) as picture:
+            kept = picture.getexif()
+            assert (kept[271], kept[274], kept[33432]) == ("Bench", 6, "by the Bench"), path
+
+
 @pytest.fixture(scope="module")
 def done(files, tmp_path_factory):
     out = tmp_path_factory.mktemp("out")
@@ -144,6 +160,16 @@ def test_a_grey_photograph_whose_camera_is_not_known_is_doubtful(files, tmp_path
     np.testing.assert_allclose(cv2.imread(str(tmp_path / "corrected.tiff"), cv2.IMREAD_UNCHANGED) / 65535, picture[0])
     plain = files[2]
     assert plain.psnr(picture) > plain.psnr(plain.frame.planes["Y"].samples[None]) + 2
+
+
+def test_a_result_into_the_folder_of_its_photograph_does_not_replace_it(files, done, tmp_path):
+    picture = tmp_path / "corrected.tiff"
+    for name in ("corrected.tiff", "result.json"):
+        (tmp_path / name).write_bytes((done[1] / name).read_bytes())
+    before = picture.read_bytes()
+    says = "would replace"
+    correct(picture, "--field", files[0] / "field.h5", "--insist", "--out", tmp_path, code=2, says=says)
+    assert picture.read_bytes() == before
 
 
 def test_a_field_of_another_aperture_is_refused_and_leaves_nothing(files, tmp_path):

@@ -4,6 +4,8 @@ from functools import partial
 
 import numpy as np
 import pytest
+from PIL import Image
+from PIL.TiffImagePlugin import IFDRational
 
 from drivers.dng import Shot, write_dng
 from procedures.field.field_file import read_camera, write_field
@@ -75,6 +77,29 @@ def test_an_adapted_lens_is_named_by_hand(library, fields):
     again = profile("add", fields / "adapted.h5", "--lens", "Old 58mm", "--f-number", 2, code=None)
     assert "give --replace" in again.output
     profile("add", fields / "adapted.h5", "--lens", "Old 58mm", "--f-number", 2, "--replace")
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".tiff"])
+def test_a_field_is_found_for_a_developed_picture(library, tmp_path, suffix):
+    exif = Image.Exif()
+    exif[271], exif[272], exif[33437] = "Bench", "One", IFDRational(8)
+    Image.new("RGB", (64, 48)).save(tmp_path / f"a{suffix}", exif=exif)
+    found = json.loads(profile("find", tmp_path / f"a{suffix}", "--json").stdout)["profiles"]
+    assert [one["f_number"] for one in found] == [8.0]
+
+
+def test_names_in_any_script_are_names_of_their_own(library, fields):
+    lenses = "\u5149\u5b66", "\u955c\u5934"
+    for lens in lenses:
+        profile("add", fields / "adapted.h5", "--lens", lens, "--f-number", 2)
+    assert all((library / f"Bench-One_{lens}_f2.h5").exists() for lens in lenses)
+
+
+def test_an_export_does_not_replace_the_result(fields):
+    result = fields / "usual.h5"
+    before = result.read_bytes()
+    profile("export", result, "--to", "gmic", "--columns", 2, result, code=2, says="must be another file")
+    assert result.read_bytes() == before
 
 
 def test_a_profile_is_exported(library, tmp_path):

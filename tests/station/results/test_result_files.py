@@ -178,8 +178,8 @@ def test_result_goes_where_a_link_to_a_folder_leads(tmp_path, named):
     assert (tmp_path / named.replace("link", "real") / "result.json").is_file()
 
 
-def written(folder, *names, force=False):
-    with ResultFolder(folder, force=force) as place:
+def written(folder, *names, force=False, inputs=()):
+    with ResultFolder(folder, force=force, inputs=inputs) as place:
         for name in names:
             place.write(name, b"the program's")
         write_record(place, {"schema": "station/psf/1"})
@@ -206,6 +206,20 @@ def test_page_that_was_edited_is_not_the_programs_any_more(tmp_path):
     assert (tmp_path / "report.html").read_text() == "with my notes"
     written(tmp_path, "report.html", force=True)
     assert (tmp_path / "report.html").read_bytes() == b"the program's"
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_a_result_does_not_replace_its_own_inputs(tmp_path, force):
+    # neither a file of an older result, which would be removed, nor one of the same name
+    written(tmp_path, "field.h5", "report.html")
+    (tmp_path / "other.bin").write_bytes(b"mine")
+    with pytest.raises(BadParameter, match=r"would replace .*field.h5, which is read for it"):
+        written(tmp_path, "psf_Y.npy", force=force, inputs=[tmp_path / "field.h5"])
+    if force:
+        with pytest.raises(BadParameter, match=r"would replace .*other.bin"):
+            written(tmp_path, "other.bin", force=force, inputs=[tmp_path / "other.bin"])
+    assert (tmp_path / "other.bin").read_bytes() == b"mine"
+    assert (tmp_path / "field.h5").exists()
 
 
 def test_files_of_an_older_result_go_and_others_stay(tmp_path):

@@ -90,6 +90,16 @@ def test_uncertainty_of_the_picture_decides_between_pass_doubt_and_refusal(outco
     assert "use the photograph" in doubtful.remedy
 
 
+def test_negative_light_beyond_the_expected_error_is_doubtful(outcome):
+    # the error is at least the negative part, as the scene has none
+    result = outcome.value
+    error = result.diagnostics.picture_std
+    for level, verdict in ((-0.9 * error, "pass"), (-1.1 * error, "doubtful")):
+        judged = judge(replace(result, sharp=np.full_like(result.sharp, level)))
+        assert judged.verdict == verdict
+        assert ("negative light" in judged.reason) == (verdict == "doubtful")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("noise_db", [26.0, 14.0])
 def test_expected_gain_is_the_true_one_from_symmetric_starts(noise_db):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
+from procedures.outcome import Refused
 from procedures.restoration.joint import joint_descent, noise_and_contrast
 from procedures.restoration.joint.data_term import DataTerm, conjugate_gradients, restore_picture
 from procedures.restoration.joint.gauss_newton import PriorWeights
@@ -24,6 +25,12 @@ def data(vibrating):
 @pytest.fixture(scope="module")
 def noise(vibrating, data):
     return float(np.std(data.residual(vibrating.sharp)))
+
+
+def test_a_picture_without_frequencies_in_a_band_is_refused():
+    # the mean of no power is no number, and passed every check
+    with pytest.raises(Refused, match="a picture of 40 x 20 pixels has no frequencies in one of 8 bands"):
+        noise_and_contrast.band_powers(np.random.default_rng(1).random((1, 20, 40)))
 
 
 def weights_of(blurred, data, u):
