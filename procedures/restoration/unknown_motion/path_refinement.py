@@ -72,6 +72,9 @@ SCHEME = Scheme(10, 20, 20, 2, 10)
 """Scheme of the restorations meanwhile."""
 USUAL, MOST = 0.75, 0.87
 """Typical residual energy, relative to the noise, with the true curves, and the value above which they are wrong."""
+LEAST_RANGE, REMOTE = 0.5, 2.0
+"""Range of w, pixels, below which a scene's depths leave paths undetermined within a pixel, and per cent of the places
+with the smallest and the largest w that are not counted."""
 REMEDY = "record the rig's motion, or mark a larger flat part with more detail"
 
 
@@ -204,9 +207,20 @@ def motion_of_scene(
         return MotionShapes(
             prototypes.shapes, prototypes.half_width, None, "motion is known to whole pixels only: no path fits"
         )
-    residual = f"the motion's paths leave {fit.energy:.2f} of the noise unexplained; {USUAL} is typical"
-    caveat = residual if fit.energy > MOST else None
-    return MotionShapes(shapes_of(fit.points), half_width(fit.points), basis() @ fit.points, caveat)
+    return _judged(fit, recorded=known is not None)
+
+
+def _judged(fit: _Fit, *, recorded: bool) -> MotionShapes:
+    """The paths of a fit, with a caveat where it does not determine them."""
+    shapes, half, paths = shapes_of(fit.points), half_width(fit.points), basis() @ fit.points
+    if fit.energy > MOST:
+        residual = f"the motion's paths leave {fit.energy:.2f} of the noise unexplained; {USUAL} is typical"
+        return MotionShapes(shapes, half, paths, residual)
+    low, high = np.percentile(fit.w, (REMOTE, 100 - REMOTE))
+    if not recorded and high - low < LEAST_RANGE:
+        flat = f"paths are known to pixels only, as w differs by {high - low:.2f} pixels at most: the scene is flat"
+        return MotionShapes(shapes, half, paths, flat, "restore it as a flat scene, or record the rig's motion")
+    return MotionShapes(shapes, half, paths)
 
 
 def _view(photographs: list[Array], region: Box, half: float, max_w: float, effort: PathEffort) -> _View:

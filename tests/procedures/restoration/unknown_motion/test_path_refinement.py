@@ -58,3 +58,12 @@ def test_doubt_of_a_narrow_part_stands_behind_other_reasons(photographs, prototy
     assert "mark a larger" in outcome.remedy
     motion = path_refinement.MotionShapes(prototypes.shapes, 2.5, None, "caveat")
     assert motion.judged(Outcome(None, Verdict.REFUSED, "other", "do")).reason == "other"
+
+
+@pytest.mark.parametrize(("span", "recorded", "flat"), [(0.2, False, True), (0.2, True, False), (1.2, False, False)])
+def test_paths_of_a_flat_scene_are_doubtful_unless_they_were_recorded(curves, span, recorded, flat):
+    w = FLAT_W + span * np.linspace(-0.5, 0.5, 100).reshape(10, 10)
+    motion = path_refinement._judged(path_refinement._Fit(curves, w, np.zeros((1, 1, 1)), 0.7), recorded=recorded)
+    outcome = motion.judged(Outcome(1.0))
+    assert ("the scene is flat" in outcome.reason) is flat
+    assert (outcome.verdict is Verdict.DOUBTFUL) is flat
