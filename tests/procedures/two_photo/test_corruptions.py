@@ -52,7 +52,7 @@ def test_faint_detail_that_is_smoothed_is_in_the_uncertainty_or_flagged(amount: 
     outcome, clean = (estimate_psf_of_pair(*one, TwoPhotoParameters(3, 13)) for one in (planes, (pair.near, pair.far)))
     assert outcome.value is not None
     found, truth = (one.quality.numbers["mtf50_horizontal"] for one in (outcome.value, clean.result()))
-    assert truth.value - found.value < 2 * found.uncertainty
+    assert truth.value - found.value < (2 if passes else 3) * found.uncertainty
     assert truth.uncertainty < 0.6 * found.uncertainty
     assert (outcome.verdict is Verdict.PASS) is passes
     assert passes or "faint detail is smoother" in outcome.reason
