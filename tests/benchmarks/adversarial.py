@@ -22,7 +22,15 @@ from typing import Any
 
 import cv2
 import numpy as np
-from scipy.ndimage import gaussian_filter, gaussian_filter1d, map_coordinates, spline_filter
+from scipy.ndimage import (
+    gaussian_filter,
+    gaussian_filter1d,
+    map_coordinates,
+    maximum_filter,
+    minimum_filter,
+    spline_filter,
+    uniform_filter,
+)
 from scipy.stats import beta
 
 from procedures import Plane, Roi, estimate_edge, estimate_edges, estimate_psf, estimate_psf_of_pair
@@ -439,6 +447,42 @@ def edge_directed(steps: int, grain: float) -> Corruption:
     return Corruption(process=process)
 
 
+def guided(radius_px: int, noises: float) -> Corruption:
+    """A filter that the picture guides itself: windows with less contrast than so many noises become their mean."""
+
+    def process(x: Array, noise: float, rng: Rng) -> Array:
+        mean = partial(uniform_filter, size=2 * radius_px + 1)
+        level = mean(x)
+        variance = mean(x * x) - level**2
+        kept = variance / (variance + (noises * noise) ** 2)
+        return mean(kept) * x + mean((1 - kept) * level)
+
+    return Corruption(process=process)
+
+
+def deconvolved(steps: int, radius_px: float) -> Corruption:
+    """Richardson and Lucy's iterations for a Gaussian blur."""
+
+    def process(x: Array, noise: float, rng: Rng) -> Array:
+        blur, observed = partial(gaussian_filter, sigma=radius_px), np.maximum(x, 1e-4)
+        picture = observed
+        for _ in range(steps):
+            picture = picture * blur(observed / np.maximum(blur(picture), 1e-4))
+        return picture
+
+    return Corruption(process=process)
+
+
+def limited(amount: float, radius_px: float) -> Corruption:
+    """Unsharp mask within the range of the neighbours, without a halo."""
+
+    def process(x: Array, noise: float, rng: Rng) -> Array:
+        sharp = x + amount * (x - gaussian_filter(x, radius_px))
+        return np.clip(sharp, minimum_filter(x, 3), maximum_filter(x, 3))
+
+    return Corruption(process=process)
+
+
 def jpeg(quality: int) -> Corruption:
     def process(x: Array, noise: float, rng: Rng) -> Array:
         levels = np.rint(255 * np.clip(x, 0, 1)).astype(np.uint8)
@@ -525,6 +569,10 @@ CORRUPTIONS: dict[str, Corruption] = {
     "edge-directed denoising with grain": edge_directed(1, 0.7),
     "local contrast 20 % of 30 px, mid-tones": local_contrast(0.2, 30.0),
     **{f"local contrast 20 % of {r} px, edges kept": local_contrast(0.2, r, 0.15) for r in (6, 20)},
+    "guided filter, 2 px, 3 noises": guided(2, 3.0),
+    "guided filter, 1 px, 1.5 noises": guided(1, 1.5),
+    "deconvolved, 3 steps of 0.7 px": deconvolved(3, 0.7),
+    "sharpened within its range, 50 %": limited(0.5, 2.0),
     "JPEG 90": jpeg(90),
     "JPEG 60": jpeg(60),
     "rough print 0.15 px": rough(0.15, 1.0),
