@@ -71,7 +71,8 @@ def adaptive(picture: Array) -> Array:
     """Direction of denoising that smooths faint detail more than strong one: a filter guided by the picture itself (He,
     Sun, Tang, IEEE TPAMI 35 (2013), equations (5), (6), (8))."""
     mean, square = (_local_mean(one) for one in (picture, picture * picture))
-    kept = (variance := square - mean * mean) / (variance + FAINT**2)
+    variance = square - mean * mean
+    kept = variance / (variance + FAINT**2)
     return np.asarray(_local_mean(kept) * picture + _local_mean((1 - kept) * mean) - picture)
 
 

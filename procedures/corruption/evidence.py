@@ -89,7 +89,7 @@ class TextureEvidence:
         return [
             WIDE.check(wide, raw=False, places=len(WIDE_PX)),
             MOSAIC.check(self.mosaic, raw=False, places=places),
-            *([] if self.smoothing is None else [ADAPTED.check(_tempered(self.strengths[ADAPTIVE]).score, raw=False)]),
+            *([] if self.smoothing is None else [ADAPTED.check(_by_scene(self.strengths[ADAPTIVE]).score, raw=False)]),
         ]
 
     def modes(self, f: Array, *, raw: bool) -> dict[str, Array]:
@@ -106,7 +106,7 @@ class TextureEvidence:
         processing = _unseen(self.fine, MASK_PRIOR) * mask_gain(f, 1.0)
         if self.smoothing is not None:
             amount = self.strengths[ADAPTIVE]
-            smoothed = nuisance(_tempered(amount).unseen, amount.uncertainty, ADAPTIVE_PRIOR, PRESENT)
+            smoothed = nuisance(_by_scene(amount).unseen, amount.uncertainty, ADAPTIVE_PRIOR, PRESENT)
             processing = np.hypot(processing, smoothed * self.smoothing)
         return modes | {"processing": processing, "wide mask": np.hypot(*wide)}
 
@@ -115,7 +115,7 @@ def _wide_score(amount: Strength) -> float:
     return amount.value / math.hypot(amount.uncertainty, WIDE_MODEL)
 
 
-def _tempered(amount: Strength) -> Strength:
+def _by_scene(amount: Strength) -> Strength:
     return Strength(amount.value, math.hypot(amount.uncertainty, ADAPTIVE_MODEL))
 
 
