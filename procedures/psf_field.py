@@ -17,7 +17,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-from scipy.signal import oaconvolve
 
 from procedures.display import axes_of, html, summary
 from procedures.numerics.arrays import Array, Mask
@@ -360,18 +359,18 @@ class SpaceVariantBlur:
         """Blurred image (rows, columns), of the same shape."""
         weight, coefficients = self._maps(np.shape(image))
         image = weight * np.asarray(image, dtype=np.float64)
-        out = oaconvolve(image, self._kernels[0], mode="same")
+        out = _convolved(image, self._kernels[0])
         for kernel, coefficient in zip(self._kernels[1:], coefficients, strict=True):
-            out += oaconvolve(coefficient * image, kernel, mode="same")
+            out += _convolved(coefficient * image, kernel)
         return np.asarray(out)
 
     def blur_adjoint(self, image: Array) -> Array:
         """Adjoint of `blur`: sum v blur(u) = sum u blur_adjoint(v) for all images u, v of one shape."""
         image = np.asarray(image, dtype=np.float64)
         weight, coefficients = self._maps(image.shape)
-        out = oaconvolve(image, self._kernels[0][::-1, ::-1], mode="same")
+        out = _convolved(image, self._kernels[0][::-1, ::-1])
         for kernel, coefficient in zip(self._kernels[1:], coefficients, strict=True):
-            out += coefficient * oaconvolve(image, kernel[::-1, ::-1], mode="same")
+            out += coefficient * _convolved(image, kernel[::-1, ::-1])
         return np.asarray(weight * out)
 
     def product_convolution(self, shape: tuple[int, int]) -> tuple[Array, Array]:
@@ -419,3 +418,9 @@ class SpaceVariantBlur:
             sums = np.array([image.sum() for image in self._images])
             kept[shape] = 1 / (sums[0] + np.tensordot(sums[1:], coefficients, axes=1)), coefficients
         return kept[shape]
+
+
+def _convolved(image: Array, kernel: Array) -> Array:
+    from scipy.signal import oaconvolve  # here: slow to load
+
+    return np.asarray(oaconvolve(image, kernel, mode="same"))

@@ -9,7 +9,7 @@ whose level comes from the residuals, so that covariances that are all stated to
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import f as f_distribution
+from scipy.special import fdtrc
 
 from procedures.geometry.adjustment import Adjustment, extra_terms
 from procedures.geometry.cameras import CameraModel
@@ -77,7 +77,7 @@ def find_misfit(fit: Adjustment) -> Misfit:
     at_points = np.concatenate([e.reshape(-1, k) for e in extra]) @ directions
     noise = fit.scale**2 * float(np.sum(np.sum(at_points**2, axis=0) / values[new]))
     square = (float(np.sum((at_points @ amplitudes) ** 2)) - noise) / (len(at_points) / 2)
-    probability = float(f_distribution.sf(ratio, count, freedom))
+    probability = float(fdtrc(count, freedom, ratio))
     rms_px = float(np.sqrt(max(square, 0.0)))
     return Misfit(probability, rms_px, directions @ amplitudes, camera.columns, camera.rows)
 

@@ -16,9 +16,9 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from scipy import stats
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
+from scipy.special import chdtrc, ndtri
 
 from procedures.geometry.adjustment import POSE, Adjustment, AdjustmentProblem, adjust, by_pose, moved_pose
 from procedures.geometry.cameras import CameraModel, CameraSet
@@ -136,8 +136,8 @@ def estimate_rig(cameras: Sequence[RigCamera], depth_mm: float | None = None) ->
     rig = _rigid(fit, times, placed, max(camera.cell_uncertainty for camera in cameras), depth_mm)
     rigidity = Check(
         "rigidity",
-        -stats.norm.ppf(rig.chance),
-        -stats.norm.ppf(UNLIKELY),
+        -ndtri(rig.chance),
+        -ndtri(UNLIKELY),
         Verdict.DOUBTFUL,
         f"the charts give relative poses that differ by {rig.misfit:.1f} times their uncertainties",
         "check that the photographs were taken at one time and have the same names, and that the rig is rigid",
@@ -228,7 +228,7 @@ def _rigid(
     covariance = covariance + share**2 * np.outer(shifts, shifts)
     names = [fit.problem.views[used[where.index(i)]].source for i in range(len(charts))]
     view = None if depth_mm is None else _next_view(fit, rows, A, placed, depth_mm, share)
-    chance = float(stats.chi2.sf(chi_square, freedom))
+    chance = float(chdtrc(freedom, chi_square))
     return RigPoses(tuple(placed[1:]), covariance, tuple(names), misfit, chance, view, share)
 
 

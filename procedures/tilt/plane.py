@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
-from scipy import linalg, stats
+from scipy import linalg
+from scipy.special import chdtrc
 
 from procedures.numerics.arrays import Array
 from procedures.outcome import BadParameter, Quantity, Refused
@@ -91,7 +92,7 @@ def fit_plane(places_mm: Array, heights_um: Array, covariance: Array, size_mm: t
     residuals = heights_um - design @ (np.linalg.inv(unit) @ c)
     return TiltedPlane(
         size_mm, to_plane @ c, to_plane @ C @ to_plane.T, c[3:], C[3:, 3:], (float(c[0]), float(C[0, 0])), places_mm,
-        heights_um, residuals, misfit, float(stats.chi2.sf(chi2, freedom)),
+        heights_um, residuals, misfit, float(chdtrc(freedom, chi2)),
     )  # fmt: skip
 
 

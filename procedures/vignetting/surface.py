@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.stats import f as f_distribution
+from scipy.special import fdtrc
 
 from procedures.numerics.arrays import Array
 from procedures.numerics.scattered import monomials
@@ -140,7 +140,7 @@ def _errors_of(slopes: Array) -> tuple[Array, int]:
     errors = min(candidates, key=lambda one: float(np.sum(one**2)))
     residual, freedom = float(np.sum(errors**2)), 2 * (count - 2)
     ratio = (float(np.sum(slopes**2)) - residual) / 2 / max(residual / freedom, np.finfo(float).tiny)
-    turned = f_distribution.sf(ratio, 2, freedom) < CHANCE / len(candidates)
+    turned = fdtrc(2, freedom, ratio) < CHANCE / len(candidates)
     return (errors, count - 2) if turned else (slopes, count - 1)
 
 

@@ -1,13 +1,14 @@
 """The page of a correction: before and after, whole and in parts, gain over the frame and cost."""
 
 from collections.abc import Callable
+from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from procedures.correction.estimate import Correction
-from procedures.raw import RawFrame
+from procedures.raw import Plane, RawFrame
 from station.calibration.correction import Corrected
 from station.drawing.pictures import display_png, smaller
 from station.drawing.plots import Figure
@@ -29,25 +30,28 @@ def correction_page(report: Report) -> str:
     value = corrected.outcome.value
     if value is None:
         raise ValueError("a correction without a value has no page")
-    before, after = _finer(_before(corrected.frame), value.scale), np.moveaxis(value.picture, 0, -1)
+    frame, after = corrected.frame, np.moveaxis(value.picture, 0, -1)
     balance = _balance(after)
 
-    def pair(part: Callable[[Single], Single], captions: tuple[str, str], words: str) -> Figures:
+    def pair(before: Single, after: Single, captions: tuple[str, str], words: str) -> Figures:
         shown = (
-            image(display_png(np.squeeze(part(one) * balance)), f"{words}: {c}")
+            image(display_png(np.squeeze(one * balance)), f"{words}: {c}")
             for one, c in zip((before, after), captions, strict=True)
         )
         return Figures([Figure(*one) for one in zip(shown, captions, strict=True)])
 
-    developed = corrected.frame.development is not None
+    developed = frame.development is not None
     captions = (
         "Before: decoded to light." if developed else "Before: colours of the mosaic spread linearly.",
         f"After: `{'picture' if developed else 'corrected.dng'}`, `corrected.tiff`. Balanced to grey only here.",
     )
-    whole, compared = pair(lambda one: smaller(one, MAX_SIDE_PX), captions, "the whole frame"), list[Block]()
+    reduced = smaller(after, MAX_SIDE_PX)
+    whole, compared = pair(_whole(frame, reduced.shape), reduced, captions, "the whole frame"), list[Block]()
     for x, y, words in PLACES:
-        part = pair(lambda one, x=x, y=y: _part(one, x, y), ("Before.", "After."), words)  # type: ignore[misc]
-        compared += [Heading(f"{words}, twice its size"), part]
+        rows, columns = (_window(at, size) for at, size in zip((y, x), after.shape, strict=False))
+        parts = (_part(frame, rows, columns, value.scale), after[rows, columns])
+        before, sharp = (np.repeat(np.repeat(one, 2, axis=0), 2, axis=1) for one in parts)
+        compared += [Heading(f"{words}, twice its size"), pair(before, sharp, ("Before.", "After."), words)]
     sections = [
         Section("Before and after, in parts", compared),
         Section("Gain and cost", [_maps(value), Note("The same numbers are in `gain.csv`.")]),
@@ -80,25 +84,30 @@ def _summary(corrected: Corrected, value: Correction) -> list[Block]:
     return [KeyNumbers(facts), Items(lines)]
 
 
-def _before(frame: RawFrame) -> Single:
-    """The photograph as it came, (H, W, C), each colour of a mosaic spread over the pixels between."""
-    planes = list(frame.planes.values())
-    if planes[0].pitch == 1:
-        return np.stack([plane.samples for plane in planes], axis=-1)
-    rows, columns = (2 * size for size in planes[0].samples.shape)
-    out = np.empty((rows, columns, 3), dtype=np.float32)
-    for c, names in enumerate((("R",), ("G1", "G2"), ("B",))):
-        shown = [_moved(frame.planes[name].samples, frame.planes[name].origin, (rows, columns)) for name in names]
-        out[..., c] = sum(shown) / len(shown)
-    return out
+def _whole(frame: RawFrame, shape: tuple[int, ...]) -> Single:
+    """The photograph as it came, reduced to a shape; a mosaic's planes are laid upon each other."""
+    return _colours(frame, lambda plane: cv2.resize(plane.samples, shape[1::-1], interpolation=cv2.INTER_AREA))
 
 
-def _moved(samples: Single, origin: tuple[int, int], shape: tuple[int, int]) -> Single:
-    to_plane = np.array([[0.5, 0, -origin[0] / 2], [0, 0.5, -origin[1] / 2]])
-    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    return np.asarray(
-        cv2.warpAffine(samples, to_plane, shape[::-1], flags=flags, borderMode=cv2.BORDER_REPLICATE), dtype=np.float32
-    )
+def _part(frame: RawFrame, rows: slice, columns: slice, scale: int) -> Single:
+    """The photograph as it came in a window of a picture that is `scale` times as fine, (rows, columns, C); samples are
+    spread linearly over the pixels between."""
+    shape = columns.stop - columns.start, rows.stop - rows.start
+
+    def spread(plane: Plane) -> npt.NDArray[Any]:
+        first = np.array([columns.start, rows.start]) / scale - plane.origin
+        to_plane = np.column_stack([np.eye(2) / scale, first]) / plane.pitch
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        return cv2.warpAffine(plane.samples, to_plane, shape, flags=flags, borderMode=cv2.BORDER_REPLICATE)
+
+    return _colours(frame, spread)
+
+
+def _colours(frame: RawFrame, resampled: Callable[[Plane], npt.NDArray[Any]]) -> Single:
+    """Resampled planes as (H, W, C), both greens of a mosaic together."""
+    names = [("R",), ("G1", "G2"), ("B",)] if "G2" in frame.planes else [(name,) for name in frame.planes]
+    colours = [np.mean([resampled(frame.planes[name]) for name in of], axis=0) for of in names]
+    return np.stack(colours, axis=-1)
 
 
 def _balance(picture: Single) -> Single:
@@ -109,19 +118,9 @@ def _balance(picture: Single) -> Single:
     return np.asarray(gains / max(white, 1e-6), dtype=np.float32)
 
 
-def _part(picture: Single, x: float, y: float) -> Single:
-    rows, columns = picture.shape[:2]
-    top, left = (
-        int(np.clip(at * size - PART_PX / 2, 0, max(size - PART_PX, 0))) for at, size in ((y, rows), (x, columns))
-    )
-    cut = picture[top : top + PART_PX, left : left + PART_PX]
-    return np.repeat(np.repeat(cut, 2, axis=0), 2, axis=1)
-
-
-def _finer(picture: Single, scale: int) -> Single:
-    """The photograph (H, W, C) on a finer grid, pixels as they are: first pixel upon first pixel."""
-    nearest = [np.minimum((np.arange(scale * size) + scale // 2) // scale, size - 1) for size in picture.shape[:2]]
-    return np.asarray(picture[np.ix_(*nearest)])
+def _window(at: float, size: int) -> slice:
+    first = int(np.clip(at * size - PART_PX / 2, 0, max(size - PART_PX, 0)))
+    return slice(first, min(first + PART_PX, size))
 
 
 def _maps(value: Correction) -> Figures:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from datetime import datetime
 
 import numpy as np
-from scipy import stats
+from scipy.special import ndtr, stdtr
 
 from procedures.numbers import MTF50_HORIZONTAL, MTF50_VERTICAL
 from procedures.numerics.arrays import Array
@@ -66,7 +66,7 @@ def weighted_line(x: Array, y: Array, uncertainty: Array) -> WeightedLine:
     birge = (chi2 / freedom) ** 0.5 if freedom else float("nan")
     slope_uncertainty, mean_uncertainty = (birge if birge > 1 else 1.0) * np.sqrt(np.diag(covariance))
     score = abs(slope) / slope_uncertainty
-    tail = stats.t.sf(score, freedom) if birge > 1 else stats.norm.sf(score)
+    tail = stdtr(freedom, -score) if birge > 1 else ndtr(-score)
     return WeightedLine(
         float(slope), float(slope_uncertainty), float(mean), float(mean_uncertainty), centre, birge, float(2 * tail),
         len(x),
