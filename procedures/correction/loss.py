@@ -71,32 +71,30 @@ def field_error(
         for name in planes:
             at = optics.in_plane(name, np.array([[x[j], y[i]]]))[0]
             field = optics.fields[name]
-            H, each = _transfer(responses[name], field.parameters(at[None])[0])
+            weight = _weight(responses[name], field.parameters(at[None])[0], density, stiff, power)
             # planes of one colour have independent noise, and a common interpolation error
             shares = (1 / len(planes) ** 2, 1 / len(planes))
             for kind, (error, share) in enumerate(zip((field.noise, field.interpolation), shares, strict=True)):
-                maps[kind, i, j] += share * _added(H, each, error(*at), density, stiff, power)
+                maps[kind, i, j] += share * float(np.sum(weight * error(*at)))
     return FieldError(x, y, *maps)
 
 
-def _transfer(responses: Spectrum, parameters: Array) -> tuple[Spectrum, Spectrum]:
-    """The transfer function (F,) of sum 1, and its derivatives with respect to the parameters, (p, F)."""
-    H = parameters @ responses
+def _weight(responses: Spectrum, parameters: Array, density: float, stiff: Array, power: Array) -> Array:
+    """Weights (p, p) of a covariance of the PSF's parameters, whose sum is the mean square error of a filter applied to
+    a picture of power (F,); responses : (p, F) derivatives of the transfer function, not normalised."""
+    H = (parameters.astype(np.float32) @ responses.view(np.float32)).view(np.complex64)
     light = H[0].real
-    return H / light, ((responses - responses[:, :1] * (H / light)) / light).astype(np.complex64)
-
-
-def _added(H: Spectrum, each: Spectrum, covariance: Array, density: float, stiff: Array, power: Array) -> float:
-    """Mean square error of a filter with covariance (p, p), applied to a picture of power (F,)."""
-    # real matrix times complex vectors, by parts, as NumPy would convert the matrix to complex
-    spread = (covariance.astype(np.float32) @ each.view(np.float32)).view(np.complex64)
-    variance, pseudo = np.sum(each.conj() * spread, axis=0).real, np.sum(each * spread, axis=0)
+    H /= light
+    each = (responses - np.outer(responses[:, 0], H)) / light
     N = np.maximum(density * np.abs(H) ** 2 + stiff, 1e-12)
     by_conjugate = density / N - (density * np.abs(H) / N) ** 2
     by_itself = -((density * H.conj() / N) ** 2)
-    change = (np.abs(by_conjugate) ** 2 + np.abs(by_itself) ** 2) * variance
-    change += 2 * np.real(by_itself * by_conjugate * pseudo)
-    return float(np.sum(change * np.abs(H) ** 2 * power))
+    much = np.abs(H) ** 2 * power
+    square = (much * (by_conjugate**2 + np.abs(by_itself) ** 2)).astype(np.float32)
+    product = (2 * much * by_conjugate * by_itself).astype(np.complex64)
+    # the real part of conj(dH) dH and of dH dH are products of real and imaginary parts
+    weighted = square * each + np.conj(product * each)
+    return np.asarray(weighted.view(np.float32) @ each.view(np.float32).T)
 
 
 def _power(picture: Single, i: int, j: int) -> Array:
