@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivers.errors import BadConfiguration, LineLost, MoveFailed, OutsideTravel, Rejected
+from drivers.errors import BadConfiguration, LineLost, MoveFailed, NoAnswer, OutsideTravel, Rejected
 from drivers.interfaces import ShakePath
 from drivers.shaker import ShakerAxis, StrigShaker
 
@@ -90,6 +90,18 @@ def test_a_stop_lets_it_rest_at_once_and_is_reported(shaker, box, quiet, ended):
         shaker.began_s()
     shaker.start(CIRCLE)
     shaker.stop()
+
+
+@pytest.mark.parametrize("order", ["start", "stop"])
+def test_it_rests_after_an_order_whose_reply_is_lost(shaker, bench, quiet, order):
+    if order == "stop":
+        shaker.start(CIRCLE)
+    faults = bench.cables["shutter"].faults
+    faults.spoil_reply = lambda data, at_s: b"" if b"EVT SHAKE" in data or b"EVT REST" in data else data
+    with pytest.raises(NoAnswer):
+        shaker.start(CIRCLE) if order == "start" else shaker.stop()
+    quiet.clock.sleep(0.05)
+    np.testing.assert_array_equal(carried(quiet, quiet.clock.now_s()), [[0.0, 0.0]])
 
 
 @pytest.mark.parametrize(
