@@ -20,7 +20,6 @@ shutter = "shutter"
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, cast
@@ -35,6 +34,7 @@ from procedures.raw import Plane
 from procedures.reading.text import parse_toml, read_text
 from station.bench.device_models import named, options_of, read_devices
 from station.bench.motions import Motions, StopRecord, StopRequest, stop_all, stops_on_wires
+from station.common.errors import log
 from station.common.models import TableSource, read_model
 
 if TYPE_CHECKING:
@@ -107,6 +107,7 @@ class DeviceRow:
 
 
 D = TypeVar("D")
+STILL_LIT, SWITCH_OFF = "the lamp may still be lit: {}", "switch it off by hand"
 
 
 class NamedDevice(Generic[D]):
@@ -195,9 +196,11 @@ class Bench:
     def close(self) -> None:
         """Switch the lamp off if it is lit, and release all lines, in the reverse order."""
         lamp = self.devices.get("light")
-        with suppress(DeviceError):
+        try:
             if lamp is not None and "light" in self.identities and cast(Light, lamp).level():
                 cast(Light, lamp).set_level(0.0)
+        except DeviceError as error:
+            log("lamp", STILL_LIT.format(error.reason), level="warning", remedy=SWITCH_OFF)
         for device in reversed(self.devices.values()):
             device.close()
         for end in self._on_close:

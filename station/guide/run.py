@@ -15,10 +15,10 @@ from functools import singledispatchmethod
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drivers.errors import SystemClock
+from drivers.errors import DeviceError, SystemClock
 from procedures import plan as plans
 from procedures.outcome import ProcedureError, Refused
-from station.bench.opening import Surroundings
+from station.bench.opening import STILL_LIT, SWITCH_OFF, Surroundings
 from station.common.durable_files import write_whole
 from station.guide import frontend
 from station.guide.active_devices import AT, DISTANCE, LIGHT_LEVEL, ActiveDevices
@@ -147,7 +147,10 @@ class Run:
         return None
 
     def _ended(self, ended: frontend.RunEnded) -> frontend.RunEnded:
-        self._rig.extinguish()
+        try:
+            self._rig.extinguish()
+        except DeviceError as error:
+            self._talk.notify(frontend.ProblemEvent(STILL_LIT.format(error.reason), SWITCH_OFF))
         with suppress(ProcedureError):  # the run also ends on a full disk
             self._report_notices()
             for stop in self._rig.stops():
