@@ -244,7 +244,28 @@ def make_bench(
     for name in sorted(devices, key=lambda name: _depth(devices, name)):
         parts = MakerContext(name, made, folder, clock, inspect_raw, wire_log, transcripts, shared)
         made[name] = devices[name].make(parts)
+    _check_uses(made, tables)
     return Bench(made, {name: str(tables[name]["driver"]) for name in made}, clock, transcripts=transcripts)
+
+
+USES = {
+    "stage": "move_to", "head": "move_to", "camera": "expose", "shutter": "fire", "shaker": "strokes",
+    "imu": "read_block", "rangefinder": "measure", "light": "set_level",
+}  # fmt: skip
+"""Names by which procedures use devices, and a method that each requires."""
+
+
+def _check_uses(made: Mapping[str, Device], tables: Mapping[str, Mapping[str, Any]]) -> None:
+    """Raises BadConfiguration for a name with a driver of another kind, and for an axis that two stages have."""
+    owners: dict[str, str] = {}
+    for name, device in made.items():
+        if not hasattr(device, USES.get(name, "close")):
+            reason = f"devices.{name} must have a driver that serves as {name}; {tables[name]['driver']} does not"
+            raise BadConfiguration(reason, "use another driver, or give the device another name")
+        for axis in tables[name].get("axes", ()) if hasattr(device, "move_to") else ():
+            if (owner := owners.setdefault(axis["name"], name)) != name:
+                reason = f"the axes of all stages must have different names; {owner} and {name} have {axis['name']}"
+                raise BadConfiguration(reason, "rename one")
 
 
 def _depth(devices: Mapping[str, DriverOptions], name: str) -> int:
