@@ -41,12 +41,23 @@ def still_asked(driver: Driver) -> bool:
     return driver.app._guide.answers.open
 
 
+def held_down(driver: Driver) -> bool:
+    """Lay an Enter that is repeated from before the question can have been read until long afterwards."""
+    begun_s = driver.app._guide.answers._shown_s
+    for part in (0.5, 1.2):
+        event = Key("enter", "\r")
+        event.time = begun_s + part * MIN_READ_S
+        driver.app.post_message(event)
+    return True
+
+
 def test_a_move_is_begun_by_enter_alone_once_it_can_have_been_read(tmp_path):
     ask = Ask(MOVE, "Moving z from 0.0 mm to 700.0 mm.")
     lab = FakeLab(tmp_path, lambda run: chosen_step(run, ask))
     asked = BEGIN, ask.question, "clear: press Enter to move; F12 stops", ["space", "1", "y", "escape"], still_asked
     early = post("\r", early_s=10), pause(0.0), still_asked  # pressed before the question was there, and heard after
-    play(StationApp(lab), *asked, pause(1.25 * MIN_READ_S), *early, ["enter"], "new session")
+    read = pause(1.25 * MIN_READ_S)
+    play(StationApp(lab), *asked, read, held_down, pause(0.0), still_asked, *early, read, ["enter"], "new session")
     assert lab.runs[0].answers == [True]
 
 
