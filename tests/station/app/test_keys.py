@@ -57,7 +57,7 @@ def test_a_move_is_begun_by_enter_alone_once_it_can_have_been_read(tmp_path):
     asked = BEGIN, ask.question, "clear: press Enter to move; F12 stops", ["space", "1", "y", "escape"], still_asked
     early = post("\r", early_s=10), pause(0.0), still_asked  # pressed before the question was there, and heard after
     read = pause(1.25 * MIN_READ_S)
-    play(StationApp(lab), *asked, read, held_down, pause(0.0), still_asked, *early, read, ["enter"], "new session")
+    play(StationApp(lab), *asked, read, held_down, read, still_asked, *early, read, ["enter"], "new session")
     assert lab.runs[0].answers == [True]
 
 
