@@ -151,9 +151,13 @@ class Run:
             self._rig.extinguish()
         except DeviceError as error:
             self._talk.notify(frontend.ProblemEvent(STILL_LIT.format(error.reason), SWITCH_OFF))
+        stops = self._rig.stops()
+        if unsent := {name for stop in stops for name, sent_s in stop.wires.items() if sent_s is None}:
+            reason = f"the stop could not be sent to {', '.join(sorted(unsent))}"
+            self._talk.notify(frontend.ProblemEvent(reason, "stop it at the bench, as it may still move"))
         with suppress(ProcedureError):  # the run also ends on a full disk
             self._report_notices()
-            for stop in self._rig.stops():
+            for stop in stops:
                 self._session.note("halted", **stop.record())
             self._session.end(ended.how)
         ended = replace(ended, empty=self._session.state.empty)

@@ -77,6 +77,20 @@ def test_a_lamp_that_cannot_be_switched_off_at_the_end_is_reported(bench, sessio
     assert "warning: the lamp may still be lit" in capsys.readouterr().err
 
 
+def test_a_stop_that_a_line_does_not_take_is_reported(bench, session):
+    def enough(results, facts):
+        bench.simulated.cables["stage"].faults.unplugged_at_s = 0.0
+        run.stop_now()
+        return Advice(True, "enough")
+
+    operator = ScriptedOperator({"width": 5.0})
+    plan = benches.short_plan(shoot=Shoot("shot", benches.good, benches.passed, enough, most=1))
+    run = Run(plan, bench, session, operator)
+    assert run.go().how == "emergency"
+    reported = [event for event in events(operator, ProblemEvent) if "could not be sent" in event.reason]
+    assert [event.reason for event in reported] == ["the stop could not be sent to stage"]
+
+
 def test_a_plan_without_movements_accepts_stages_that_have_not_homed(bench, session):
     operator = ScriptedOperator({"width": 5.0})
     still = {name: Ask(name, "Ready?") for name in ("home", "go", "measure", "scan")}
