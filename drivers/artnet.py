@@ -16,7 +16,7 @@ from typing import Annotated
 
 from drivers.errors import Clock, LineLost, NoAnswer
 from drivers.interfaces import Identity
-from drivers.light import Channels, Lamp, LampProperties, check_level
+from drivers.light import Channels, Lamp, LampProperties
 from drivers.making import DriverOptions, MakerContext
 from drivers.options import has_port, option
 from drivers.wire.connection import not_connected
@@ -122,9 +122,9 @@ class ArtNetLight(Lamp["ArtNetLight"]):
     def is_open(self) -> bool:
         return self._socket is not None
 
-    def set_level(self, level: float) -> None:
-        """Set all channels, and check that the node still answers. Raises DeviceError."""
-        value = round(255 * check_level(level))
+    def _shine(self, level: float) -> None:
+        """Set all channels, and check that the node still answers."""
+        value = round(255 * level)
         slots = bytearray(CHANNELS)
         for channel in self._channels:
             slots[channel - 1] = value
@@ -134,7 +134,6 @@ class ArtNetLight(Lamp["ArtNetLight"]):
             self._poll()
         except OSError as error:
             raise LineLost(f"{self.address} went away: {error}", "check network and node") from error
-        self._remember(level)
 
     def emergency_stop(self) -> None:
         """Light is harmless, and people need it: it stays on."""

@@ -6,7 +6,7 @@ Every class is a situation that an operator meets, not a layer of the program.
 import threading
 import time
 from collections.abc import Callable, Mapping
-from typing import Protocol
+from typing import Protocol, Self
 
 
 class DeviceError(Exception):
@@ -18,6 +18,12 @@ class DeviceError(Exception):
         super().__init__(f"{reason}; {remedy}")
         self.reason = reason
         self.remedy = remedy
+
+    def with_remedy(self, remedy: str) -> Self:
+        """This error with another remedy."""
+        other = type(self).__new__(type(self), f"{self.reason}; {remedy}")
+        vars(other).update(vars(self), remedy=remedy)
+        return other
 
 
 class NotConnected(DeviceError):

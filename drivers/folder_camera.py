@@ -119,6 +119,7 @@ class FolderCamera:
         requested_s = self.clock.now_s()
         exposure_s = self.settings.exposure_s or 0.0
         pulse_s = exposure_s if self.tether.bulb and exposure_s else self.tether.pulse_s
+        self._check_stops()  # the folder's list may take long
         try:
             shutter = self._shutter.fire(pulse_s, self.tether.focus_s)
             path, facts, digest = self._await_frame(exposure_s)
@@ -137,6 +138,10 @@ class FolderCamera:
     def _pause(self) -> None:
         """Wait until the next poll of the folder. Raises an emergency stop that came meanwhile."""
         self.clock.sleep(self.tether.poll_s)
+        self._check_stops()
+
+    def _check_stops(self) -> None:
+        """Raises an emergency stop since the exposure began."""
         if self._stopped is not None:
             raise self._stopped
 

@@ -264,6 +264,7 @@ class GphotoCamera(FrameCamera):
                 self._new_file(self._stray)
             self._stray = None
         before = set(self.files()) if self._shutter else set()
+        self._check_stops()  # the body's list may take long
         try:
             times = self._shutter.fire(self._pulse_s) if self._shutter else None
             place = self._new_file(before) if self._shutter else self._triggered()

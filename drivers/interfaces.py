@@ -279,7 +279,7 @@ class Light(Device, Protocol):
         """Set `level` in [0, 1] of full intensity. Raises DeviceError."""
 
     def level(self) -> float:
-        """The level last set."""
+        """The level last set; after an order that failed, the brighter one."""
 
     def flicker(self, exposure_s: float) -> Caveat | None:
         """The caveat about exposures that are too short for its modulation."""

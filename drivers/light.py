@@ -5,6 +5,7 @@ parameters, 10 the serial number.
 """
 
 import struct
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -12,7 +13,7 @@ from typing import Annotated
 
 import msgspec
 
-from drivers.errors import BadConfiguration, Clock, EmergencyStopped
+from drivers.errors import BadConfiguration, Clock, EmergencyStopped, Rejected
 from drivers.interfaces import Caveat, Condition, Identity, Transport
 from drivers.making import DriverOptions, MakerContext, OutputOptions
 from drivers.options import Port, Seconds, distinct, option
@@ -86,13 +87,28 @@ class LampProperties:
         )
 
 
-class Lamp(LineDevice[L]):
+class Lamp(LineDevice[L], ABC):
     """Common part of lamps: their properties, the level last set, and whether they have warmed up since."""
 
     def __init__(self, line: L, clock: Clock | None = None, panel: LampProperties | None = None) -> None:
         super().__init__(line, clock)
         self.panel = panel or LampProperties()
         self._level, self._since_s = 0.0, -float("inf")
+
+    def set_level(self, level: float) -> None:
+        """Set the level. After an order that failed without being refused, the lamp counts as lit: it may be."""
+        before = self.level()
+        self._remember(max(check_level(level), before))
+        try:
+            self._shine(level)
+        except Rejected:
+            self._remember(before)
+            raise
+        self._remember(level)
+
+    @abstractmethod
+    def _shine(self, level: float) -> None:
+        """Order a level in [0, 1]. Raises DeviceError."""
 
     def _remember(self, level: float) -> None:
         """Record the level; setting the same level again is no change."""
@@ -138,15 +154,14 @@ class DmxLight(Lamp[Transport[DmxFrame]]):
             frame(label, data), lambda one: one.data if one.label == label and one.data != data else None, REPLY_S, 3
         )
 
-    def set_level(self, level: float) -> None:
-        """Set all channels, and check that the widget still answers. Raises DeviceError."""
-        value = round(255 * check_level(level))
+    def _shine(self, level: float) -> None:
+        """Set all channels, and check that the widget still answers."""
+        value = round(255 * level)
         slots = bytearray(CHANNELS)
         for channel in self._channels:
             slots[channel - 1] = value
         self._transport.write(frame(SEND, b"\0" + bytes(slots)))
         self._ask(PARAMETERS, b"\0\0")  # DMX is one-way: check at least that the widget answers
-        self._remember(level)
 
     def emergency_stop(self) -> None:
         """Light is harmless, and people need it: it stays on; waits end."""
@@ -172,12 +187,10 @@ class GrblLight(GrblOutput, Lamp[GrblLink]):
             return Condition(reason, False, "set the level again")
         return super().condition()
 
-    def set_level(self, level: float) -> None:
+    def _shine(self, level: float) -> None:
         full = self.link.setting(30, 1000.0) or 1000.0
-        resets = self.link.resets
-        self.link.command(f"M3 S{full * check_level(level):.1f}", 5.0)
-        self._remember(level)
-        self._resets = resets
+        self._resets = self.link.resets
+        self.link.command(f"M3 S{full * level:.1f}", 5.0)
 
     def level(self) -> float:
         """The level last set; 0 after a reset of the controller, which switches its outputs off."""

@@ -106,6 +106,8 @@ class OutputOptions(DriverOptions):
     def problem(self) -> tuple[str, str] | None:
         if self.on is None and self.port is None:
             return "has neither port nor on", 'write on = "stage", or a port'
+        if self.on is not None and self.port is not None:
+            return "has both port and on", "keep on for an output of a stage's controller, port for one of its own"
         return None
 
     def link(self, parts: MakerContext) -> tuple[GrblLink, bool]:

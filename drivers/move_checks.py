@@ -7,6 +7,8 @@ from contextlib import contextmanager
 from drivers.errors import BadConfiguration, DeviceError, MoveFailed, NotHomed, OutsideTravel, Rejected
 from drivers.interfaces import Condition, Travel
 
+STOP_BY_HAND = "stop it at the bench, as it may still move: its stop was not confirmed"
+
 
 class OneMover:
     """Context of a move, which yields the number of stops so far; a second mover is refused at once."""
@@ -45,16 +47,17 @@ class OneMover:
 def left_still(halt: Callable[[], None], emergency_stop: Callable[[], None], trust: "Trust") -> Iterator[None]:
     """Context in which nothing continues to move if its body ends early.
 
-    An error calls `halt`; if that fails, the stage is no longer trusted. The end of the program stops
-    everything.
+    An error calls `halt`; if that fails, the stage is no longer trusted, and the remedy begins with a stop by hand. The
+    end of the program stops everything.
     """
     try:
         yield
-    except DeviceError:
+    except DeviceError as failure:
         try:
             halt()
         except DeviceError as error:
             trust.lose(error)
+            raise failure.with_remedy(f"{STOP_BY_HAND}; then {failure.remedy}") from failure
         raise
     except BaseException:
         emergency_stop()

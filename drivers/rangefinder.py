@@ -4,16 +4,19 @@ JRT: `AA addr regHi regLo cntHi cntLo payload CS`, count in 16-bit words, CS the
 that begins with EE carries a status instead. Bosch: `status length payload CRC8`, CRC start 0xAA, polynomial 0xA6.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
+from typing import ClassVar, TypeVar
 
-from drivers.errors import EmergencyStopped, NoAnswer, NoReading
+from drivers.errors import DeviceError, EmergencyStopped, NoAnswer, NoReading
 from drivers.interfaces import Distance, Identity, Transport
 from drivers.making import LineOptions
 from drivers.options import Baud
 from drivers.protocols.framing import BAD, MORE, Decoder, FrameSplitter, numbered
 from drivers.wire.connection import LineDevice, opened
 
+E = TypeVar("E")
 RESULT, LASER, STATUS, VERSION = 0x0022, 0x01BE, 0x0000, 0x000A
 MEASURE_AUTO, MEASURE_SLOW = bytes.fromhex("AA0000200001000021"), bytes.fromhex("AA0000200001000122")
 STOP, WAKE = b"X", b"\x55"
@@ -50,8 +53,26 @@ JrtParser = partial(
 )  # fmt: skip
 
 
-class JrtRangefinder(LineDevice[Transport[JrtFrame]]):
+class LaserDevice(LineDevice[Transport[E]]):
+    """A device whose laser the bytes `off` switch off, also at its end."""
+
+    off: ClassVar[bytes]
+
+    def close(self) -> None:
+        """Switch the laser off, and release the line."""
+        with suppress(DeviceError):
+            self._transport.write(self.off)
+        super().close()
+
+    def emergency_stop(self) -> None:
+        """Switch the laser off, which ends a measurement."""
+        self._transport.preempt(self.off, EmergencyStopped(f"emergency stop at {self.address}", "measure again"))
+
+
+class JrtRangefinder(LaserDevice[JrtFrame]):
     """A Rangefinder of the JRT/Meskernel/M88 family."""
+
+    off = STOP + bytes.fromhex("AA0001BE00010000C0")
 
     def connect(self) -> Identity:
         """Open, let the module detect the baud rate, read its version. Raises DeviceError."""
@@ -96,10 +117,6 @@ class JrtRangefinder(LineDevice[Transport[JrtFrame]]):
         payload = bytes((0x00, 0x01, 0xBE, 0x00, 0x01, 0x00, int(on)))
         self._ask(b"\xaa" + payload + bytes((sum(payload) & 0xFF,)), LASER, REPLY_S)
 
-    def emergency_stop(self) -> None:
-        """Stop measuring, which switches the laser off."""
-        self._transport.preempt(STOP, EmergencyStopped(f"emergency stop at {self.address}", "measure again"))
-
 
 def crc8(data: bytes) -> int:
     """Bosch's CRC: start 0xAA, polynomial 0xA6, most significant bit first."""
@@ -137,13 +154,16 @@ BoschParser = partial(
 )  # fmt: skip
 
 
-class BoschRangefinder(LineDevice[Transport[BoschFrame]]):
+class BoschRangefinder(LaserDevice[BoschFrame]):
     """A Rangefinder for Bosch GLM and PLR instruments."""
 
+    off = b"\xc0\x42\x00\x1e"
+
     def connect(self) -> Identity:
-        """Open and switch the laser spot on, which any GLM answers. Raises DeviceError."""
+        """Open and switch the laser spot on, which any GLM answers, and off. Raises DeviceError."""
         with opened(self._transport):
             self.laser(True)
+            self.laser(False)
         return Identity("Bosch GLM", "", "", self.address)
 
     def _ask(self, command: int, payload_bytes: int, timeout_s: float) -> bytes:
@@ -159,17 +179,16 @@ class BoschRangefinder(LineDevice[Transport[BoschFrame]]):
         return frame.payload
 
     def measure(self) -> Distance:
-        """One reading, with a resolution of 0.05 mm. Raises DeviceError."""
-        payload = self._ask(0x40, 4, AUTO_S)
+        """One reading, with a resolution of 0.05 mm; the spot must not be in a photograph. Raises DeviceError."""
+        try:
+            payload = self._ask(0x40, 4, AUTO_S)
+        finally:
+            with suppress(DeviceError):
+                self.laser(False)
         return Distance(int.from_bytes(payload, "little") * 0.05, self.clock.now_s())
 
     def laser(self, on: bool) -> None:
         self._ask(0x41 if on else 0x42, 0, REPLY_S)
-
-    def emergency_stop(self) -> None:
-        self._transport.preempt(
-            b"\xc0\x42\x00\x1e", EmergencyStopped(f"emergency stop at {self.address}", "measure again")
-        )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 
 from drivers.errors import Clock, NoReading, Rejected
 from drivers.interfaces import PROBE_UNITS, Identity, ProbeReading, Transport
-from drivers.light import Lamp, LampProperties, check_level
+from drivers.light import Lamp, LampProperties
 from drivers.making import LineOptions, MakerContext
 from drivers.options import Baud, Uncertainty, option, positive, text
 from drivers.protocols.framing import Decoder, LineSplitter, text_of
@@ -104,17 +104,18 @@ class ScpiLight(ScpiInstrument, Lamp[Transport[str]]):
         self.panel = panel or LampProperties()
         self._supply = supply
 
-    def set_level(self, level: float) -> None:
-        """Set a fraction of full, and compare with the setting that the instrument reports. Raises DeviceError."""
-        supply, value = self._supply, check_level(level) * self._supply.full
+    def _shine(self, level: float) -> None:
+        """Set a fraction of full, and compare with the setting that the instrument reports; dark is switched first."""
+        supply, value = self._supply, level * self._supply.full
+        if supply.output and not level:
+            self._order(f"{supply.output} 0")
         self._order(f"{supply.command} {value:.6f}")
         there = self._number(f"{supply.command}?")
         if abs(there - value) > supply.tolerance * supply.full:
             reason = f"{self.address} reports {supply.command} {there:g} after {value:g} was set"
             raise Rejected(reason, "check its limits, and `full` in station.toml")
-        if supply.output:
-            self._order(f"{supply.output} {int(level > 0)}")
-        self._remember(level)
+        if supply.output and level:
+            self._order(f"{supply.output} 1")
 
     def measured_level(self) -> float:
         """The measured output as a fraction of full. Raises DeviceError."""

@@ -5,11 +5,12 @@ in `firmware/STRIG.md`.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from drivers.errors import BadConfiguration, Clock, MoveFailed, NoAnswer, OutsideTravel
+from drivers.errors import BadConfiguration, Clock, DeviceError, MoveFailed, NoAnswer, OutsideTravel, Rejected
 from drivers.interfaces import AxisResponse, Identity, ShakePath
 from drivers.making import DriverOptions, MakerContext
 from drivers.options import STRIG_BOX, AxisName, axes, device, option, positive
@@ -84,9 +85,10 @@ class StrigShaker(BoxDevice):
             self._box.command(f"POINT {i} {x} {y}")
         self._box.motion.clear()
         self._round_s = number * interval_us * 1e-6
-        self._box.command("SHAKE 1")
-        if not self._box.wait(lambda: "SHAKE" in self._box.motion, ANSWER_S):
-            raise NoAnswer(f"{self.address} did not report the start of the shaking", "check the cable")
+        with self._aborted_by_errors():
+            self._box.command("SHAKE 1")
+            if not self._box.wait(lambda: "SHAKE" in self._box.motion, ANSWER_S):
+                raise NoAnswer(f"{self.address} did not report the start of the shaking", "check the cable")
         offsets = {axis.name: tuple(axis.to_unit(v) for v in steps[axis.channel]) for axis in self._axes}
         responses = {axis.name: axis.response for axis in self._axes if axis.response != AxisResponse()}
         return ShakePath(interval_us * 1e-6, offsets, responses)
@@ -120,15 +122,27 @@ class StrigShaker(BoxDevice):
     def stop(self) -> None:
         """Rest at the end of the round. Raises DeviceError."""
         self._require()
-        self._box.command("SHAKE 0")
-        if "SHAKE" not in self._box.motion or "REST" in self._box.motion:
-            return
-        deadline_s = self.clock.now_s() + self._round_s + ANSWER_S
-        while not self._box.wait(lambda: "REST" in self._box.motion, min(KEEP_ALIVE_S, self._round_s + ANSWER_S)):
-            if self.clock.now_s() >= deadline_s:
-                self._box.command("ABORT")
-                raise NoAnswer(f"{self.address} did not report that its shaker rests", "check the cable")
+        with self._aborted_by_errors():
             self._box.command("SHAKE 0")
+            if "SHAKE" not in self._box.motion or "REST" in self._box.motion:
+                return
+            deadline_s = self.clock.now_s() + self._round_s + ANSWER_S
+            while not self._box.wait(lambda: "REST" in self._box.motion, min(KEEP_ALIVE_S, self._round_s + ANSWER_S)):
+                if self.clock.now_s() >= deadline_s:
+                    raise NoAnswer(f"{self.address} did not report that its shaker rests", "check the cable")
+                self._box.command("SHAKE 0")
+
+    @contextmanager
+    def _aborted_by_errors(self) -> Iterator[None]:
+        """Context in which an error lets it rest: an order without a reply may have been carried out."""
+        try:
+            yield
+        except Rejected:
+            raise
+        except BaseException:
+            with suppress(DeviceError):
+                self._box.abort()
+            raise
 
     def emergency_stop(self) -> None:
         """Rest at once, and open the shutter, which is on the same box."""

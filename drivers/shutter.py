@@ -13,7 +13,16 @@ from functools import partial, reduce
 from operator import xor
 from typing import ClassVar
 
-from drivers.errors import BadConfiguration, Clock, EmergencyStopped, LineLost, MoveFailed, NoAnswer, Rejected
+from drivers.errors import (
+    BadConfiguration,
+    Clock,
+    DeviceError,
+    EmergencyStopped,
+    LineLost,
+    MoveFailed,
+    NoAnswer,
+    Rejected,
+)
 from drivers.interfaces import Identity, ShutterTimes, Transport
 from drivers.making import DriverOptions, LineOptions, MakerContext, OutputOptions
 from drivers.move_checks import left_still
@@ -22,6 +31,7 @@ from drivers.protocols.framing import LineSplitter, UnrecognisedLine
 from drivers.protocols.grbl_link import GrblLink, GrblOutput
 from drivers.wire.connection import L, LineDevice, anything, opened
 
+ABORT = b"\nABORT\n"  # the first newline ends an unfinished line
 REPLY_S = 0.5
 BOOT_S = 3.0  # boot loader and start of an Arduino, which resets when its port is opened
 AGAIN_S = 0.05  # before it is asked again: a port that takes no bytes may fail at once
@@ -282,10 +292,16 @@ class StrigShutter(LineDevice[Transport[Event]]):
     def abort(self) -> None:
         self.command("ABORT")
 
+    def close(self) -> None:
+        """Open the contacts, let a shaker rest, and release the line."""
+        with suppress(DeviceError):
+            self._transport.write(ABORT)
+        super().close()
+
     def emergency_stop(self) -> None:
         """Open the contacts without waiting for any lock."""
         self._stopped = error = EmergencyStopped(f"emergency stop at {self.address}", "fire again")
-        self._transport.preempt(b"\nABORT\n", error)
+        self._transport.preempt(ABORT, error)
 
 
 class BoxDevice(LineDevice[StrigShutter]):

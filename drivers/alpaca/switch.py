@@ -7,7 +7,7 @@ from typing import ClassVar
 from drivers.alpaca.link import AlpacaAddress, AlpacaLink, NumberedOptions
 from drivers.errors import BadConfiguration, Clock, EmergencyStopped, MoveFailed
 from drivers.interfaces import Identity, ShutterTimes
-from drivers.light import Lamp, LampProperties, check_level
+from drivers.light import Lamp, LampProperties
 from drivers.making import MakerContext
 from drivers.options import SHUTTER, Count
 from drivers.shutter import OneContact
@@ -68,11 +68,10 @@ class AlpacaLight(Lamp[AlpacaSwitch]):
     def connect(self) -> Identity:
         return self._switch.connect()
 
-    def set_level(self, level: float) -> None:
+    def _shine(self, level: float) -> None:
         switch = self._switch
-        value = switch.low + check_level(level) * (switch.high - switch.low)
+        value = switch.low + level * (switch.high - switch.low)
         switch.link.put("setswitchvalue", Id=switch.switch, Value=value)
-        self._remember(level)
 
     def emergency_stop(self) -> None:
         """Light is harmless, and people need it: it stays on."""

@@ -19,6 +19,9 @@ POLL_S = 1.0
 RULER = 0.002
 """Relative tolerance between ruler and stage: 0.5 mm on 250 mm."""
 
+SCALES = {**dict.fromkeys(("esp301", "smc100", "apt", "gcs"), "scale"), "micromanager_stage": "unit_per_um"}
+"""Key of an axis' scale by driver, where it is not `unit_per_step`."""
+
 
 class Operator(Protocol):
     """The operator at the stage."""
@@ -123,8 +126,8 @@ def _expected_s(stage: Stage, name: str, way: float) -> float | None:
     return stage.pace({name: way})[1] if isinstance(stage, GrblStage) else None
 
 
-def drive_findings(stage: Stage, drives: Sequence[AxisDrive]) -> list[Recommendation]:
-    """Changes recommended after the drives."""
+def drive_findings(stage: Stage, drives: Sequence[AxisDrive], scale: str) -> list[Recommendation]:
+    """Changes recommended after the drives; `scale` is the key of an axis' scale in station.toml."""
     envelopes = stage.envelopes if isinstance(stage, GrblStage) else {}
     findings = []
     for drive in drives:
@@ -134,14 +137,14 @@ def drive_findings(stage: Stage, drives: Sequence[AxisDrive]) -> list[Recommenda
                 Recommendation(reason, "set the feed override to 100 %, and check for mechanical resistance")
             )
         if drive.ruler is not None and abs(drive.ruler - drive.way) > RULER * drive.way:
-            findings.append(_scale(drive, drive.ruler, envelopes.get(drive.axis)))
+            findings.append(_scale(drive, drive.ruler, envelopes.get(drive.axis), scale))
     return findings
 
 
-def _scale(drive: AxisDrive, ruler: float, envelope: GrblEnvelope | None) -> Recommendation:
+def _scale(drive: AxisDrive, ruler: float, envelope: GrblEnvelope | None, key: str) -> Recommendation:
     reason = f"{drive.axis} moved {ruler:g} by the ruler instead of {drive.way:g}"
     if envelope is None:
-        return Recommendation(reason, f"multiply unit_per_step by {ruler / drive.way:.5f}")
+        return Recommendation(reason, f"multiply {key} by {ruler / drive.way:.5f}")
     scale, travel = f"${100 + envelope.index}", f"${130 + envelope.index}"
     return Recommendation(reason, f"multiply {scale} by {drive.way / ruler:.5f}, then set {travel} again")
 
@@ -161,7 +164,7 @@ def commission(name: str, stage: Stage, table: Mapping[str, Any], operator: Oper
     drives = drive_through(stage, operator, clock)
     if drives is None:
         operator.show(f"{name} was not moved: travel and speed are as reported by its controller")
-    findings += drive_findings(stage, drives or [])
+    findings += drive_findings(stage, drives or [], SCALES.get(table["driver"], "unit_per_step"))
     for finding in findings:
         operator.show(f"to change: {finding.reason}: {finding.change}")
     if not findings:

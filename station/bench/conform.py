@@ -303,7 +303,8 @@ def soak(rig: StageRig, rng: np.random.Generator, operations: int, faults: tuple
 
 
 def conform(rig: StageRig, *, operations: int, seed: int = 0) -> Iterator[TrialResult]:
-    """The findings of all trials, in their order; `operations` is the length of the soak."""
+    """The findings of all trials, in their order; `operations` is the length of the soak. An error of a real stage ends
+    them."""
     rng = np.random.default_rng(seed)
     tries, each = max(operations * 2 // 5, 1), max(operations // 20, 1)
     trials: dict[str, Callable[[], str]] = {
@@ -326,6 +327,8 @@ def conform(rig: StageRig, *, operations: int, seed: int = 0) -> Iterator[TrialR
             yield TrialResult(name, False, str(broken))
         except errors.DeviceError as error:
             yield TrialResult(name, False, f"{type(error).__name__}: {error.reason}")
+            if rig.cable is None:  # a real stage does not move again before somebody has looked at it
+                return
 
 
 @contextmanager

@@ -4,6 +4,7 @@ Built-in drivers and those of installed packages (entry-point group `station.dri
 their options, imported when it is used.
 """
 
+import re
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
 from functools import cache
@@ -16,6 +17,7 @@ from station.common.models import TableSource, fields_of, read_model, require_ta
 from station.common.toml_text import toml_value
 
 GROUP = "station.drivers"
+NAME = re.compile(r"[\w-]{1,64}")
 BUILTIN: Mapping[str, str] = {
     "grbl": "drivers.grbl:GrblOptions",
     "zaber": "drivers.zaber:ZaberOptions",
@@ -90,6 +92,8 @@ def read_devices(tables: Mapping[str, Any], source: TableSource | None = None) -
 
 def _read_device(name: str, table: Any, source: TableSource) -> DriverOptions:
     path = ("devices", name)
+    if not NAME.fullmatch(name):
+        source.refuse(path, "must have a name of at most 64 letters, digits, - and _", "rename it")
     driver = require_table(table, source, path).get("driver")
     if not isinstance(driver, str) or driver not in drivers():
         near = get_close_matches(str(driver), drivers(), 1)

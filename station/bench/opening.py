@@ -20,7 +20,6 @@ shutter = "shutter"
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar, cast
@@ -35,6 +34,7 @@ from procedures.raw import Plane
 from procedures.reading.text import parse_toml, read_text
 from station.bench.device_models import named, options_of, read_devices
 from station.bench.motions import Motions, StopRecord, StopRequest, stop_all, stops_on_wires
+from station.common.errors import log
 from station.common.models import TableSource, read_model
 
 if TYPE_CHECKING:
@@ -107,6 +107,7 @@ class DeviceRow:
 
 
 D = TypeVar("D")
+STILL_LIT, SWITCH_OFF = "the lamp may still be lit: {}", "switch it off by hand"
 
 
 class NamedDevice(Generic[D]):
@@ -195,9 +196,11 @@ class Bench:
     def close(self) -> None:
         """Switch the lamp off if it is lit, and release all lines, in the reverse order."""
         lamp = self.devices.get("light")
-        with suppress(DeviceError):
+        try:
             if lamp is not None and "light" in self.identities and cast(Light, lamp).level():
                 cast(Light, lamp).set_level(0.0)
+        except DeviceError as error:
+            log("lamp", STILL_LIT.format(error.reason), level="warning", remedy=SWITCH_OFF)
         for device in reversed(self.devices.values()):
             device.close()
         for end in self._on_close:
@@ -241,7 +244,28 @@ def make_bench(
     for name in sorted(devices, key=lambda name: _depth(devices, name)):
         parts = MakerContext(name, made, folder, clock, inspect_raw, wire_log, transcripts, shared)
         made[name] = devices[name].make(parts)
+    _check_uses(made, tables)
     return Bench(made, {name: str(tables[name]["driver"]) for name in made}, clock, transcripts=transcripts)
+
+
+USES = {
+    "stage": "move_to", "head": "move_to", "camera": "expose", "shutter": "fire", "shaker": "strokes",
+    "imu": "read_block", "rangefinder": "measure", "light": "set_level",
+}  # fmt: skip
+"""Names by which procedures use devices, and a method that each requires."""
+
+
+def _check_uses(made: Mapping[str, Device], tables: Mapping[str, Mapping[str, Any]]) -> None:
+    """Raises BadConfiguration for a name with a driver of another kind, and for an axis that two stages have."""
+    owners: dict[str, str] = {}
+    for name, device in made.items():
+        if not hasattr(device, USES.get(name, "close")):
+            reason = f"devices.{name} must have a driver that serves as {name}; {tables[name]['driver']} does not"
+            raise BadConfiguration(reason, "use another driver, or give the device another name")
+        for axis in tables[name].get("axes", ()) if hasattr(device, "move_to") else ():
+            if (owner := owners.setdefault(axis["name"], name)) != name:
+                reason = f"the axes of all stages must have different names; {owner} and {name} have {axis['name']}"
+                raise BadConfiguration(reason, "rename one")
 
 
 def _depth(devices: Mapping[str, DriverOptions], name: str) -> int:

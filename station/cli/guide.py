@@ -16,7 +16,7 @@ from station.app.background import at_once
 from station.cli.app import check_plan
 from station.cli.terminal.bench_options import make_lab
 from station.common.errors import INTERRUPTED, REFUSED
-from station.common.stop_signals import EXIT_DEVICE, guarded
+from station.common.stop_signals import EXIT_DEVICE, closed_whole, guarded
 from station.guide.frontend import Event, Result, RunEnded, Stopped
 from station.guide.line_frontend import LineOperator
 from station.results.comparison import Compliance
@@ -41,14 +41,12 @@ def conduct(lab: StationLab, operator: Watched, begin: Callable[[], Run], *, str
     """Begin a run and carry it out; signals and faults stop the bench. Gives the exit code."""
     stop = PlainStop(lab, operator)
     try:
-        with guarded(stop.now, stop.interrupted):
+        with closed_whole(lab.close), guarded(stop.now, stop.interrupted):
             running = begin()
             gc.freeze()  # also what was loaded for bench and plan: see `guarded`
             return exit_code(running.go(), operator.result, strict=strict)
     except Stopped:  # before there was a run
         return INTERRUPTED
-    finally:
-        lab.close()
 
 
 class PlainStop:

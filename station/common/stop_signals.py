@@ -58,6 +58,16 @@ def guarded(
 
 
 @contextmanager
+def closed_whole(close: Callable[[], None]) -> Iterator[None]:
+    """Context that ends with `close`, which further signals do not cut short: a lamp goes out. `guarded` is within."""
+    with handled(lambda number, frame: None):
+        try:
+            yield
+        finally:
+            close()
+
+
+@contextmanager
 def handled(hear: Handler) -> Iterator[None]:
     """Context in which these signals are handled, except one ignored at start-up, as HUP under nohup."""
     before = {number: signal.getsignal(number) for number in ENDING}

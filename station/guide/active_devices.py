@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, cast
 
@@ -323,11 +323,10 @@ class ActiveDevices:
             self.bench.emergency_stop()
 
     def extinguish(self) -> None:
-        """Switch the lamp off, if one is lit; a lamp that does not answer is left as it is."""
+        """Switch the lamp off, if one is lit. Raises DeviceError."""
         lamp = self._device("light")
-        with suppress(DeviceError):
-            if lamp is not None and lamp.level():
-                lamp.set_level(0.0)
+        if lamp is not None and lamp.level():
+            lamp.set_level(0.0)
 
     def _not_stopped(self) -> None:
         """Raises EmergencyStopped after an emergency stop since this object was made."""

@@ -6,6 +6,7 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import singledispatchmethod
 from io import StringIO
+from select import select
 from typing import TYPE_CHECKING, TextIO
 
 from procedures.numbers import MTF50_HORIZONTAL, MTF50_VERTICAL
@@ -14,6 +15,7 @@ from station.common.sanitise import stated
 from station.drawing.diagrams import diagram_lines
 from station.guide import frontend
 from station.guide.answers import parse, words
+from station.guide.frontend import CONSENTS
 from station.results.comparison import measurement_words, specification_words
 from station.results.plane_result import line_numbers
 
@@ -21,6 +23,8 @@ if TYPE_CHECKING:
     from station.results.plane_result import PlaneResult
 
 DIGITS = {"°": 1, "%": 0, "m": 2, "mm": 0, "": 2}
+MIN_READ_S = 0.4
+"""Time without input after which a question for consent counts as read."""
 STOPS = ("s", "stop", "q", "quit")
 HELP = "Enter accepts the value in [brackets]. s stops the run. Ctrl-C stops every device at once."
 STOPPING = "!! Stop sent to every device."
@@ -157,7 +161,7 @@ class LineOperator:
             question = "Do that." + question.removeprefix(self._last_advice)
         while True:
             self._last_line = ""
-            line = self._answer_line(question_line(replace(ask, question=question)))
+            line = self._answer_line(question_line(replace(ask, question=question)), consent=ask.key in CONSENTS)
             if not line or line.strip().lower() in STOPS:
                 self._line("" if line else "(end of input)")
                 raise frontend.Stopped
@@ -166,12 +170,14 @@ class LineOperator:
             except ValueError as error:
                 self._line(f"   {error}")
 
-    def _answer_line(self, question: str) -> str:
+    def _answer_line(self, question: str, *, consent: bool) -> str:
         self.asking = True
         try:
             with suppress(OSError):
                 self._write.write(question)
                 self._write.flush()
+            if consent and self._read.isatty():
+                self._discard_typed_ahead()
             line = self._read.readline()
         finally:
             self.asking = False
@@ -179,10 +185,18 @@ class LineOperator:
             self._write.write(line.rstrip("\n") + "\n")
         return line
 
+    def _discard_typed_ahead(self) -> None:
+        """Discard the lines that end before a question can have been read: a second Enter begins no movement."""
+        with suppress(ImportError, OSError):  # Windows; a terminal that has closed
+            from termios import TCIFLUSH, tcflush
+
+            while select([self._read], [], [], MIN_READ_S)[0]:
+                tcflush(self._read, TCIFLUSH)
+
 
 def question_line(ask: Ask) -> str:
     """The question with its choices and default, ready for the answer on the same line."""
-    if consent := frontend.CONSENTS.get(ask.key):
+    if consent := CONSENTS.get(ask.key):
         keys = f"Enter: {consent.start}; n: {frontend.NOT_NOW}; Ctrl-C: stop every device"
         return f">> {ask.question} {consent.check} [{keys}] "
     choices = f" ({', '.join(f'{i} {choice}' for i, choice in enumerate(ask.choices, 1))})" if ask.choices else ""

@@ -15,10 +15,10 @@ from functools import singledispatchmethod
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from drivers.errors import SystemClock
+from drivers.errors import DeviceError, SystemClock
 from procedures import plan as plans
 from procedures.outcome import ProcedureError, Refused
-from station.bench.opening import Surroundings
+from station.bench.opening import STILL_LIT, SWITCH_OFF, Surroundings
 from station.common.durable_files import write_whole
 from station.guide import frontend
 from station.guide.active_devices import AT, DISTANCE, LIGHT_LEVEL, ActiveDevices
@@ -147,10 +147,17 @@ class Run:
         return None
 
     def _ended(self, ended: frontend.RunEnded) -> frontend.RunEnded:
-        self._rig.extinguish()
+        try:
+            self._rig.extinguish()
+        except DeviceError as error:
+            self._talk.notify(frontend.ProblemEvent(STILL_LIT.format(error.reason), SWITCH_OFF))
+        stops = self._rig.stops()
+        if unsent := {name for stop in stops for name, sent_s in stop.wires.items() if sent_s is None}:
+            reason = f"the stop could not be sent to {', '.join(sorted(unsent))}"
+            self._talk.notify(frontend.ProblemEvent(reason, "stop it at the bench, as it may still move"))
         with suppress(ProcedureError):  # the run also ends on a full disk
             self._report_notices()
-            for stop in self._rig.stops():
+            for stop in stops:
                 self._session.note("halted", **stop.record())
             self._session.end(ended.how)
         ended = replace(ended, empty=self._session.state.empty)

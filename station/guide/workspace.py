@@ -236,10 +236,10 @@ class StationLab:
         self._running.ask_to_stop()
 
     def close(self) -> None:
-        """Close session and bench."""
-        self._leave_session()
+        """Close bench and session: the lamp goes out before the disk is awaited."""
         if self._bench is not None:
             self._bench.close()
+        self._leave_session()
         self._scratch.close()
 
 

@@ -45,7 +45,7 @@ def check_token(token: str) -> str:
     """The token, if it is valid. Raises BadParameter."""
     if len(token) < SHORTEST or not token.isascii() or not token.isprintable() or " " in token:
         reason = f"a token must have {SHORTEST} ASCII characters or more, without spaces; got {len(token)}"
-        raise BadParameter(reason, "omit --token to have one made")
+        raise BadParameter(reason, "omit --token, or unset STATION_TOKEN, to have one made")
     return token
 
 

@@ -121,6 +121,7 @@ class Runs:
         self._running: Run | None = None
         self._thread: threading.Thread | None = None
         self._failed = ""
+        self._stops = 0
 
     @property
     def status(self) -> RunStatus | None:
@@ -135,6 +136,7 @@ class Runs:
         from station.guide.catalogue import entry_named
 
         entry_named(order.plan)
+        stops = self._stops
         self._tenancy.take(f"a run of the plan {order.plan}")
         try:
             operator = RemoteOperator(order.answers, order.by_default, self._picture.show)
@@ -143,6 +145,9 @@ class Runs:
             self._tenancy.leave()
             raise
         self._operator, self._running, self._failed = operator, running, ""
+        if self._stops != stops:  # it was stopped while its session was created
+            running.stop_now()
+            operator.stop()
         self._thread = threading.Thread(target=self._go, args=(running,), name="run", daemon=True)
         self._thread.start()
 
@@ -162,6 +167,7 @@ class Runs:
 
     def stop(self) -> None:
         """Stop every device at once, in the same way as signals, and end any run. Never raises."""
+        self._stops += 1
         self._lab.stop_run()
         self._silence()
 

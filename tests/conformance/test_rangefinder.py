@@ -35,6 +35,18 @@ def test_the_spot_can_be_switched(rangefinder, rangefinder_rig):
             assert rangefinder_rig.bench.devices[rangefinder.address.rpartition("/")[2]].laser is on
 
 
+def test_its_spot_is_off_once_it_has_connected_or_measured_and_when_it_is_closed(rangefinder, rangefinder_rig):
+    if rangefinder_rig.bench is None:
+        pytest.skip("a real one does not report its spot")
+    twin = rangefinder_rig.bench.devices[rangefinder.address.rpartition("/")[2]]
+    assert not twin.laser
+    rangefinder.measure()
+    assert not twin.laser
+    rangefinder.laser(True)
+    rangefinder.close()
+    assert not twin.laser
+
+
 @pytest.mark.parametrize("status", [1, 3, 4, 8, 10])
 def test_what_it_cannot_measure_it_says_with_a_remedy(rangefinder, rangefinder_rig, status, request):
     if rangefinder_rig.bench is None:

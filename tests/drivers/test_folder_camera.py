@@ -137,3 +137,11 @@ def test_an_emergency_stop_ends_the_wait_for_a_frame(camera, bench):
     exposed, _ = bench.clock.together(camera.expose, stop)
     assert isinstance(exposed, EmergencyStopped)
     assert bench.clock.now_s() - begin_s < 4.0  # of the 8 s that a frame is awaited
+
+
+def test_a_stop_while_the_folder_is_read_leaves_the_contacts_open(camera, bench, monkeypatch):
+    look = camera._look
+    monkeypatch.setattr(camera, "_look", lambda: (camera.emergency_stop(), look())[1])
+    with pytest.raises(EmergencyStopped):
+        camera.expose()
+    assert not bench.body.openings

@@ -99,6 +99,13 @@ def test_a_stop_ends_the_wait_and_the_late_file_is_not_taken_for_the_next_one(ca
     assert camera.expose().path.name == "DSC_0002.NEF"
 
 
+def test_a_stop_while_the_body_is_listed_leaves_the_contacts_open(camera, monkeypatch):
+    monkeypatch.setattr(camera, "files", lambda: camera.emergency_stop() or [])
+    with pytest.raises(EmergencyStopped):
+        camera.expose()
+    assert camera._shutter.count == 0
+
+
 def test_what_does_not_decode_is_an_error(camera):
     def broken(path):
         raise ValueError("damaged")

@@ -41,3 +41,13 @@ def test_only_its_own_channels_are_lit(wired, bench):
     light.set_level(1.0)
     slots = bench.devices["light"].slots
     assert [i + 1 for i, value in enumerate(slots) if value] == [3, 5]
+
+
+def test_a_lamp_whose_reply_is_lost_counts_as_lit(wired, bench):
+    light = wired(DmxLight, DmxParser, "light")
+    light.connect()
+    bench.cables["light"].faults.spoil_reply = lambda data, at_s: b""
+    with pytest.raises(NoAnswer):
+        light.set_level(1.0)
+    assert light.level() == 1.0
+    assert bench.world.lamp(1e9) == 1.0

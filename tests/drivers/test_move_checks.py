@@ -4,7 +4,7 @@ import pytest
 
 from drivers.errors import Alarm, BadConfiguration, EmergencyStopped, MoveFailed, NotHomed, OutsideTravel, Rejected
 from drivers.interfaces import Condition, Travel
-from drivers.move_checks import UNHOMED, OneMover, Trust, check_arrival, check_target, in_turn, left_still
+from drivers.move_checks import STOP_BY_HAND, UNHOMED, OneMover, Trust, check_arrival, check_target, in_turn, left_still
 
 ALARM, STOP = Alarm("it stalled", "clear it", "1"), EmergencyStopped("stopped", "home it")
 TRAVEL = {"z_mm": Travel(0.0, 10.0)}
@@ -45,8 +45,11 @@ def test_nothing_moves_on_where_a_move_ends_early(ends, halts, asked):
                 raise ends
 
     if ends:
-        with pytest.raises(type(ends)):
+        with pytest.raises(type(ends)) as ended:
             run()
+        if halts:
+            assert ended.value.reason == ends.reason
+            assert ended.value.remedy == f"{STOP_BY_HAND}; then {ends.remedy}"
     else:
         run()
     assert [*seen, *([trust.why] if trust.why else [])] == asked

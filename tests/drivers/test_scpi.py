@@ -81,6 +81,17 @@ def test_a_level_beyond_the_supply_is_refused_in_its_words(twin):
     assert light.level() == 0.0
 
 
+def test_the_output_is_switched_off_also_where_the_supply_refuses_the_setting(twin):
+    light = ScpiLight(twin.line, SupplySettings(full=2.0), clock=twin.clock)
+    light.connect()
+    light.set_level(1.0)
+    receive = twin.receive
+    twin.receive = lambda data, now_s: receive(data.replace(b"CURR 0.000000", b"CURR 9"), now_s)
+    with pytest.raises(Rejected):
+        light.set_level(0.0)
+    assert twin.world.lamp(1e6) == 0.0
+
+
 def test_an_error_from_before_is_not_that_of_the_next_order(twin):
     light = ScpiLight(twin.line, SupplySettings(full=2.0), clock=twin.clock)
     twin.receive(b"NONSENSE\n", 0.0)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivers.errors import BadConfiguration, LineLost, MoveFailed, OutsideTravel, Rejected
+from drivers.errors import BadConfiguration, LineLost, MoveFailed, NoAnswer, OutsideTravel, Rejected
 from drivers.interfaces import ShakePath
 from drivers.shaker import ShakerAxis, StrigShaker
 
@@ -79,17 +79,31 @@ def test_the_imu_feels_it(shaker, quiet):
     assert np.ptp(force[:, 0]) / 2 == pytest.approx(0.0015 * (10 * np.pi) ** 2, rel=0.05)
 
 
-@pytest.mark.parametrize("ended", ["emergency_stop", "abort"])
+@pytest.mark.parametrize("ended", ["emergency_stop", "abort", "close"])
 def test_a_stop_lets_it_rest_at_once_and_is_reported(shaker, box, quiet, ended):
     shaker.start(CIRCLE)
     quiet.clock.sleep(0.33)
-    (shaker.emergency_stop if ended == "emergency_stop" else box.abort)()
+    getattr(shaker if ended == "emergency_stop" else box, ended)()
     quiet.clock.sleep(0.05)
     np.testing.assert_array_equal(carried(quiet, quiet.clock.now_s()), [[0.0, 0.0]])
+    if ended == "close":
+        return
     with pytest.raises(MoveFailed, match="stopped too early"):
         shaker.began_s()
     shaker.start(CIRCLE)
     shaker.stop()
+
+
+@pytest.mark.parametrize("order", ["start", "stop"])
+def test_it_rests_after_an_order_whose_reply_is_lost(shaker, bench, quiet, order):
+    if order == "stop":
+        shaker.start(CIRCLE)
+    faults = bench.cables["shutter"].faults
+    faults.spoil_reply = lambda data, at_s: b"" if b"EVT SHAKE" in data or b"EVT REST" in data else data
+    with pytest.raises(NoAnswer):
+        shaker.start(CIRCLE) if order == "start" else shaker.stop()
+    quiet.clock.sleep(0.05)
+    np.testing.assert_array_equal(carried(quiet, quiet.clock.now_s()), [[0.0, 0.0]])
 
 
 @pytest.mark.parametrize(

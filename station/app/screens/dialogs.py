@@ -88,7 +88,7 @@ def paragraphs_of(markdown: str) -> list[str]:
 class Choose(Dialog):
     """A question with a few answers; gives the index of the chosen one.
 
-    moves : whether an answer starts a movement; an emergency stop closes such a question
+    moves : whether an answer starts a movement: by Enter alone, and an emergency stop closes such a question
     """
 
     def __init__(self, question: str, answers: Sequence[str], *, moves: bool = False) -> None:
@@ -101,6 +101,7 @@ class Choose(Dialog):
             yield Choices(self._answers, id="answers")
 
     def on_mount(self) -> None:
+        self.query_one(Choices).by_enter_alone = self.moves
         self.query_one(Choices).focus()
 
     def on_choices_chosen(self, event: Choices.Chosen) -> None:

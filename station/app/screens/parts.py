@@ -307,7 +307,8 @@ class AnswerBox(Vertical):
             return
         from station.guide.answers import parse
 
-        if _consent(self._ask) and self.query_one(Choices).pressed_s - self._shown_s < MIN_READ_S:
+        if _consent(self._ask) and (pressed_s := self.query_one(Choices).pressed_s) - self._shown_s < MIN_READ_S:
+            self._shown_s = max(self._shown_s, pressed_s)  # a key that is held down never answers
             return  # the key was pressed before the question could be read
         try:
             fact = parse(self._ask, text)

@@ -46,7 +46,7 @@ FAILED = 3
     help="Commission the stages: read their controllers, move them with your consent, report necessary changes.",
 )  # fmt: skip
 @click.option("--tap", is_flag=True, help="Measure the delay of the IMU's cable by taps that the box's unit feels too.")
-@click.option("--output", type=PATH, help="Write the commissioned stages' tables to this file.")
+@click.option("--output", type=PATH, help="Write the commissioned stages' tables to this new file.")
 def devices(
     config: Path | None, simulate: bool, shaker: bool, seed: int, faults: bool, wire_log: Path | None, as_json: bool,
     commission: bool, tap: bool, output: Path | None,
@@ -57,6 +57,12 @@ def devices(
     from station.common.stop_signals import guarded
 
     check_shaker(simulate=simulate, shaker=shaker)
+    if output is not None and not commission:
+        raise click.UsageError("--output is for the tables of --commission: give that as well.")
+    if output is not None and (output.exists() or not output.parent.is_dir()):
+        raise click.UsageError(
+            f"--output must be a new file in an existing folder, as nothing is replaced; got {output}"
+        )
     with temporary_folder() as folder:
         if wire_log is not None:
             wire_log.mkdir(parents=True, exist_ok=True)

@@ -59,7 +59,7 @@ def serve(
     Stopping the bench requires no token.
     """
     from procedures.outcome import BadParameter
-    from station.common.stop_signals import guarded
+    from station.common.stop_signals import closed_whole, guarded
 
     lab = make_lab(**options)
     if token is not None and no_token:
@@ -78,17 +78,14 @@ def serve(
             from station.service.alpaca.discovery import Discovery
 
             besides.callback(Discovery(listening.getsockname()[1]).close)
-        try:
-            with guarded(lab.stop_run, ended.set, terminated=0):
-                served, hosting = _begin(lab, listening, host, key)
-                try:
-                    _announce(host, hosting.port, key, as_json, served)
-                    ended.wait(for_s)
-                finally:
-                    hosting.end()
-                    served.close(PATIENCE_S)
-        finally:
-            lab.close()
+        with closed_whole(lab.close), guarded(lab.stop_run, ended.set, terminated=0):
+            served, hosting = _begin(lab, listening, host, key)
+            try:
+                _announce(host, hosting.port, key, as_json, served)
+                ended.wait(for_s)
+            finally:
+                hosting.end()
+                served.close(PATIENCE_S)
     log("ended", "the server has ended, and all devices have stopped")
 
 

@@ -24,9 +24,20 @@ SESSION_COMMANDS = {
 
 Command = Callable[..., Any]
 
+USUAL = Path("sessions")
+
+
+def _existing(context: click.Context, option: click.Parameter, root: Path) -> Path:
+    """The folder of the sessions; the usual one need not exist yet."""
+    if root != USUAL and not root.is_dir():
+        raise click.BadParameter(f"there is no folder {root}; name the one that holds the sessions", context, option)
+    return root
+
+
 sessions_option = inherited(
-    "--sessions", "root", type=PATH, default=Path("sessions"), show_default=True, help="Folder of the sessions."
-)
+    "--sessions", "root", type=PATH, default=USUAL, show_default=True, callback=_existing,
+    help="Folder of the sessions.",
+)  # fmt: skip
 
 
 @click.group(cls=LazyGroup, table=SESSION_COMMANDS)

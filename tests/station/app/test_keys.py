@@ -2,6 +2,7 @@
 
 import asyncio
 import threading
+from collections.abc import Sequence
 from functools import partial
 from unittest.mock import patch
 
@@ -41,12 +42,27 @@ def still_asked(driver: Driver) -> bool:
     return driver.app._guide.answers.open
 
 
+def held_down(fractions: Sequence[float]) -> tuple[Act, ...]:
+    """Lay an Enter that is repeated at these fractions of the time in which a question is read."""
+    begun_s: list[float] = []
+
+    def lay(driver: Driver, fraction: float) -> bool:
+        begun_s[:] = begun_s or [driver.app._guide.answers._shown_s]
+        event = Key("enter", "\r")
+        event.time = begun_s[0] + fraction * MIN_READ_S
+        driver.app.post_message(event)
+        return True
+
+    return tuple(act for one in fractions for act in (partial(lay, fraction=one), pause(0.5 * MIN_READ_S)))
+
+
 def test_a_move_is_begun_by_enter_alone_once_it_can_have_been_read(tmp_path):
     ask = Ask(MOVE, "Moving z from 0.0 mm to 700.0 mm.")
     lab = FakeLab(tmp_path, lambda run: chosen_step(run, ask))
     asked = BEGIN, ask.question, "clear: press Enter to move; F12 stops", ["space", "1", "y", "escape"], still_asked
     early = post("\r", early_s=10), pause(0.0), still_asked  # pressed before the question was there, and heard after
-    play(StationApp(lab), *asked, pause(1.25 * MIN_READ_S), *early, ["enter"], "new session")
+    read = pause(1.25 * MIN_READ_S)
+    play(StationApp(lab), *asked, read, *held_down((0.5, 1.2)), still_asked, *early, read, ["enter"], "new session")
     assert lab.runs[0].answers == [True]
 
 

@@ -71,7 +71,7 @@ def test_a_stage_is_homed_and_moved_by_hand(lab, key):
 
 
 def test_an_emergency_stop_takes_a_question_back_that_would_begin_a_movement(lab):
-    asked = START, ["f3"], "not homed. home it", ["h"], "way clear?"
+    asked = START, ["f3"], "not homed. home it", ["h"], "way clear?", ["1", "space"], "way clear?"
     back = ["f12", "enter"], lambda driver: not isinstance(driver.app.screen, Choose), ["enter"]
     play(StationApp(lab), *asked, *back)
     assert not lab.stage.homed

@@ -9,6 +9,7 @@ from simulators.devices.tmcl import TmclModule
 from simulators.world.motion import Axis
 from station.bench.commission import commission
 from station.bench.opening import make_bench, simulated_bench, simulated_tables
+from station.bench.twins import twin_of
 
 
 class ScriptedOperator:
@@ -143,3 +144,15 @@ def test_a_tmcl_stage_is_taken_too(bench, tmp_path):
     assert "z_mm releases its motor between moves (parameter 7 is 0): set a standby current" in operator.text
     assert "z_mm moved 99 by the ruler instead of 100: multiply unit_per_step by 0.99000" in operator.text
     assert "z_mm took" not in operator.text
+
+
+@pytest.mark.parametrize(("driver", "key"), [("gcs", "scale"), ("zaber", "unit_per_step")])
+def test_the_scale_is_named_as_in_its_table(driver, key, tmp_path):
+    with twin_of(driver, tmp_path) as twin:
+        own = make_bench({"stage": twin.table}, folder=tmp_path, clock=twin.clock)
+        own.connect()
+        name, travel = next(iter(own.stage.travel().items()))
+        operator = ScriptedOperator(("Homing", name), {name: 0.9 * (travel.high - travel.low)})
+        commission("stage", own.stage, twin.table, operator, twin.clock)
+        own.close()
+    assert f"multiply {key} by 0.90000" in operator.text

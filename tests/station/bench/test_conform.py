@@ -1,11 +1,12 @@
 """The trials of `station conform`: every stage's driver at its twin; those that they refuse are in test_toy_stage."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
 
-from drivers.errors import MoveFailed
+from drivers.errors import Alarm, MoveFailed
 from simulators.devices.alpaca import AlpacaFocusers
 from station.bench.conform import FAULTS, at_twin, conform, soak
 from station.bench.twins import BUILT_IN, TWINS
@@ -18,6 +19,16 @@ DRIVERS = [*BUILT_IN, *TWINS, "alpaca_stage"]
 def test_a_stage_keeps_its_promises(driver, tmp_path):
     with at_twin(driver, tmp_path) as rig:
         assert [one for one in conform(rig, operations=25) if not one.kept] == []
+
+
+def test_an_error_of_a_real_stage_ends_its_trials(tmp_path, monkeypatch):
+    def hit(*_):
+        raise Alarm("a limit switch was hit", "free the axis")
+
+    with at_twin("zaber", tmp_path) as rig:
+        monkeypatch.setattr(rig.stage, "home", hit)
+        results = list(conform(replace(rig, cable=None), operations=5))
+    assert [(one.trial, one.kept) for one in results] == [("identifies itself", True), ("homes first", False)]
 
 
 @pytest.mark.parametrize("faults", [FAULTS, ("delay",), ("loss", "garbage")])

@@ -290,6 +290,8 @@ def test_a_wrong_value_is_refused_with_key_value_line_and_remedy(tmp_path, name,
             '[devices.a]\ndriver = "wit"\nport = "x"\n[devices.b]\ndriver = "jrt"\nport = "x"',
             'line 6: devices.b.port must differ; "x" is already given to a',
         ),
+        ('[devices.light]\ndriver = "grbl_light"\non = "stage"\nport = "x"', "devices.light has both port and on"),
+        ('[devices."../a"]\ndriver = "rts"\nport = "x"', "must have a name of at most 64 letters"),
         ('[devices.a]\ndriver = "relay"\non = "b"\n[devices.b]\ndriver = "relay"\non = "a"', "b is not a GRBL stage"),
     ],
 )
@@ -312,6 +314,21 @@ def test_two_axes_are_not_one(tmp_path, key, value, reported):
     text = f'[devices.stage]\ndriver = "grbl"\nport = "x"\naxes = [\n  {first},\n  {axis},\n]\n'
     error = refusal(tmp_path, text)
     assert error.reason == f"station.toml, line 6: devices.stage.axes[2].{key} must differ; {reported}"
+
+
+@pytest.mark.parametrize(
+    ("table", "complaint"),
+    [
+        ("[devices.light]", "devices.light must have a driver that serves as light; zaber does not"),
+        ("[devices.head]", "different names; stage and head have z_mm; rename one"),
+    ],
+)
+def test_a_device_serves_what_its_name_says_and_no_axis_has_two_stages(tmp_path, table, complaint):
+    stage = '[devices.stage]\ndriver = "zaber"\nport = "x"\naxes = [{ name = "z_mm", device = 1, unit_per_step = 1 }]\n'
+    path = tmp_path / "station.toml"
+    path.write_text(stage + stage.replace("[devices.stage]", table).replace('"x"', '"y"'))
+    with pytest.raises(BadConfiguration, match=complaint):
+        make_bench(read_config(path), folder=tmp_path)
 
 
 def test_the_command_reports_it_without_a_traceback(tmp_path):

@@ -12,7 +12,7 @@ from drivers.watchdog import in_background
 from drivers.wire.connection import Transcript
 from station.bench.motions import StopRecord, stops_on_wires
 from station.bench.opening import inspect_raw, make_bench, read_config, simulated_bench, simulated_tables
-from station.common.stop_signals import ENDING, TURN_S, guarded
+from station.common.stop_signals import ENDING, TURN_S, closed_whole, guarded
 from station.guide.active_devices import ActiveDevices
 
 
@@ -157,6 +157,18 @@ def test_every_other_end_stops_and_ends_with_the_device_code(number):
         os.kill(os.getpid(), number)
     assert "stop" in reported
     assert ended.value.code == 3
+
+
+def test_closing_is_not_cut_short_by_a_second_signal():
+    reported = []
+
+    def close():
+        os.kill(os.getpid(), signal.SIGTERM)
+        reported.append("closed")
+
+    with pytest.raises(SystemExit), closed_whole(close), guarded(lambda: None, lambda: None):
+        os.kill(os.getpid(), signal.SIGTERM)
+    assert reported == ["closed"]
 
 
 def test_an_end_that_is_heard_where_errors_are_ignored_ends_all_the_same(monkeypatch):

@@ -51,6 +51,14 @@ def test_commissioning_asks_first_and_writes_the_tables(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals here")
+def test_commissioning_replaces_no_file_and_refuses_its_output_before_anything_moves(tmp_path):
+    (tmp_path / "station.toml").write_text('unit = "lp/mm"')
+    for output in (tmp_path / "station.toml", tmp_path / "none" / "stages.toml"):
+        run("devices", "--simulate", "--commission", "--output", output, code=2, says="nothing is replaced")
+    assert (tmp_path / "station.toml").read_text() == 'unit = "lp/mm"'
+    run("devices", "--simulate", "--output", tmp_path / "stages.toml", code=2, says="--commission")
+
+
 def test_other_programs_reach_the_simulated_bench(tmp_path):
     command = [sys.executable, "-m", "station", "simulate", "--json", "--folder", str(tmp_path)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:

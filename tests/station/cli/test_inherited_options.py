@@ -44,7 +44,7 @@ def words_for(option, folder):
         return [option.opts[-1]]
     if isinstance(option.type, click.Path):
         path = folder / "named"
-        path.touch()
+        path.mkdir() if "--sessions" in option.opts else path.touch()
         return [option.opts[-1], str(path)]
     return [option.opts[-1], option.type.choices[-1] if isinstance(option.type, click.Choice) else "7"]
 

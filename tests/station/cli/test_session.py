@@ -88,7 +88,8 @@ def test_a_damaged_index_is_rebuilt(session, root):
 
 
 def test_an_empty_list_is_no_error(tmp_path):
-    run("session", "list", "--sessions", tmp_path / "none", says="no session")
+    run("session", "list", "--sessions", tmp_path, says="no session")
+    run("session", "list", "--sessions", tmp_path / "typo", code=2, says="name the one that holds the sessions")
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,8 @@
 """The guide as lines: output, valid input, and every way to stop."""
 
 import io
+import os
+import threading
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from procedures.plan import Advice, Ask, Diagram, Reading
 from procedures.raw import Plane
 from station.guide.answers import parse
 from station.guide.frontend import (
+    MOVE,
     DiagramEvent,
     FrameEvent,
     ProblemEvent,
@@ -143,3 +146,17 @@ def test_a_diagram_is_drawn_with_its_sentence_and_table():
     assert any("o" in line for line in lines[:10])
     assert "   It is least at 1.3." in lines
     assert lines[-2:] == ["   s/t  gamma", "   0.7   1.90"]
+
+
+@pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")
+def test_what_is_typed_before_a_question_for_consent_can_be_read_does_not_answer_it(monkeypatch):
+    monkeypatch.setattr("station.guide.line_frontend.MIN_READ_S", 0.1)
+    ours, its = os.openpty()
+    os.write(ours, b"\n\n")
+    with open(its) as typed:
+        operator = LineOperator(typed, io.StringIO())
+        threading.Timer(0.5, os.write, (ours, b"n\n")).start()
+        assert operator.answer(Ask(MOVE, "Moving z.")) is False
+        os.close(ours)
+        with pytest.raises(Stopped):
+            operator.answer(Ask(MOVE, "Moving z."))

@@ -10,7 +10,7 @@ import pytest
 from drivers.errors import FrameMissing
 from drivers.light import LampProperties
 from procedures.outcome import BadParameter
-from procedures.plan import Advice, Ask, Go, Look
+from procedures.plan import Advice, Ask, Go, Look, Shoot
 from simulators.bench.bench import FaultEvent
 from station.guide.frontend import (
     LAMP,
@@ -60,6 +60,35 @@ def test_exposures_too_short_for_the_lamps_modulation_are_reported_once(bench, s
     Run(benches.short_plan(), bench, session, operator).go()
     reported = [event for event in events(operator, ProblemEvent) if "periods of the lamp's modulation" in event.reason]
     assert [event.remedy for event in reported] == ["expose longer, or use a lamp without modulation"]
+
+
+def test_a_lamp_that_cannot_be_switched_off_at_the_end_is_reported(bench, session, capsys):
+    def enough(results, facts):
+        bench.simulated.cables["light"].faults.spoil_reply = lambda data, at_s: b""
+        return Advice(True, "enough")
+
+    operator = ScriptedOperator({"width": 5.0})
+    Run(
+        benches.short_plan(shoot=Shoot("shot", benches.good, benches.passed, enough, most=1)), bench, session, operator
+    ).go()
+    reported = [event for event in events(operator, ProblemEvent) if "lamp" in event.reason]
+    assert [event.remedy for event in reported] == ["switch it off by hand"]
+    bench.close()
+    assert "warning: the lamp may still be lit" in capsys.readouterr().err
+
+
+def test_a_stop_that_a_line_does_not_take_is_reported(bench, session):
+    def enough(results, facts):
+        bench.simulated.cables["stage"].faults.unplugged_at_s = 0.0
+        run.stop_now()
+        return Advice(True, "enough")
+
+    operator = ScriptedOperator({"width": 5.0})
+    plan = benches.short_plan(shoot=Shoot("shot", benches.good, benches.passed, enough, most=1))
+    run = Run(plan, bench, session, operator)
+    assert run.go().how == "emergency"
+    reported = [event for event in events(operator, ProblemEvent) if "could not be sent" in event.reason]
+    assert [event.reason for event in reported] == ["the stop could not be sent to stage"]
 
 
 def test_a_plan_without_movements_accepts_stages_that_have_not_homed(bench, session):

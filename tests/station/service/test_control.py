@@ -94,6 +94,13 @@ def test_the_stop_needs_no_token_and_ends_the_run(client, served):
     assert not served.bench.stage.condition().usable
 
 
+def test_a_stop_while_the_session_is_created_ends_the_run(client, served, monkeypatch):
+    begin = served.lab.begin
+    monkeypatch.setattr(served.lab, "begin", lambda *order: (served.stop(), begin(*order))[1])
+    client.post("/run", UNATTENDED)
+    assert wait_for(client, lambda run: run["ended"])["ended"] == "emergency"
+
+
 def test_one_request_waits_for_a_device_that_does_not_answer_and_all_others_do_not(client, served, monkeypatch):
     release, hanging = threading.Event(), threading.Event()
 
