@@ -222,8 +222,10 @@ def test_truncated_raw_without_a_known_layout_is_refused(shared_data, tmp_path):
         (b"II*\0" + bytes(range(256)) * 40, "must have the header of a RAW format"),
         (b"FUJIFILM" + bytes(range(256)) * 40, "is not a RAW file that LibRaw"),
         (bytes(range(256)) * 40, "must have the header of a RAW format"),
-        (b"\xff\xd8\xff\xe0" + bytes(100), "is a JPEG, which is not linear in light"),
-        (b"P6 2 2 255\n" + bytes(12), "three colours"),
+        (b"\xff\xd8\xff\xe0" + bytes(100), "of the format JPEG"),
+        (b"P6 2 2 255\n" + bytes(12), "of the format PPM"),
+        (b"\0\0\0\x20ftypavif" + bytes(100), "of the format AVIF"),
+        (b"\0\0\0\x20ftypheic" + bytes(100), "of the format HEIC"),
     ],
 )
 def test_what_is_no_photograph_is_refused_by_name(tmp_path, capfd, content, reason):
