@@ -8,14 +8,14 @@ import exifread
 import numpy as np
 import pytest
 import rawpy
-from PIL import Image
+from PIL import Image, ImageCms
 
 from drivers.dng import Shot, write_dng
 from procedures.correction.checks import check_exposure
 from procedures.field.field_file import add_lights, read_camera, write_field
 from procedures.field.interpolate import interpolate
 from procedures.outcome import Refused
-from procedures.reading.development import named_curve
+from procedures.reading.development import curve_of_profile, named_curve
 from procedures.reading.exposure import Exposure
 from procedures.vignetting.surface import LightSurface
 from station.calibration.correction import TypedAperture, unknown_with_typed
@@ -99,13 +99,17 @@ def test_a_developed_picture_keeps_orientation_and_metadata(files, tmp_path, suf
     levels = np.stack([255 * named_curve("srgb").encoded(seen.light[plane]) for plane in ("R", "G1", "B")], axis=-1)
     exif = Image.Exif()
     exif[271], exif[274], exif[33432] = "Bench", 6, "by the Bench"
-    Image.fromarray(np.rint(levels).astype(np.uint8)).save(tmp_path / f"a{suffix}", exif=exif)
+    profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+    Image.fromarray(np.rint(levels).astype(np.uint8)).save(tmp_path / f"a{suffix}", exif=exif, icc_profile=profile)
     out = tmp_path / "out"
     correct(tmp_path / f"a{suffix}", "--field", folder / "field.h5", "--insist", *FEW, "--no-report", "--out", out)
     for path in (out / "corrected.tiff", out / f"picture{suffix}"):
         with Image.open(path) as picture:
             kept = picture.getexif()
             assert (kept[271], kept[274], kept[33432]) == ("Bench", 6, "by the Bench"), path
+            middle = curve_of_profile(picture.info["icc_profile"]).decoded([0.5])
+            expected = 0.5 if path.stem == "corrected" else named_curve("srgb").decoded([0.5])
+            assert middle == pytest.approx(expected, abs=1e-3)
 
 
 @pytest.fixture(scope="module")
