@@ -55,8 +55,7 @@ def check_certificate(path: Path, originals: Path | None = None, signer: Path | 
     yield ProofCheck("files of the result", not changed, words)
     if folder.parent.name == DERIVED:
         if signature.agrees is None:
-            words = "a session does not state its digest: without a signature edited text is not detected"
-            yield ProofCheck("certificate", None, words)
+            yield _statement_check(path, digest)
         yield from _session_checks(folder)
     else:
         yield from _result_checks(read_result(folder), originals)
@@ -73,6 +72,18 @@ def _signature_check(path: Path, digest: str, signer: Path | None) -> ProofCheck
     if signed["record"] != digest or signed[path.name] != hashlib.sha256(read_own(path)).hexdigest():
         return ProofCheck("signature", False, f"{printable(path.name)} has been changed since it was signed")
     return check_signature(statement, signature, signed["public key"], signer, signed["signed by"])
+
+
+def _statement_check(path: Path, digest: str) -> ProofCheck:
+    """Whether an unsigned certificate of a session is as the statement beside it says."""
+    try:
+        stated = read_statement(read_own(path.with_name(STATEMENT)))
+    except OSError:
+        words = f"{STATEMENT} is not beside the certificate: edited text is not detected"
+        return ProofCheck("certificate", None, words)
+    if stated["record"] != digest or hashlib.sha256(read_own(path)).hexdigest() not in stated.values():
+        return ProofCheck("certificate", False, f"{printable(path.name)} has been changed since it was written")
+    return ProofCheck("certificate", True, "as it was written")
 
 
 def _changed_copy(path: Path, folder: Path) -> tuple[str, ...]:
