@@ -25,6 +25,7 @@ from procedures.reading.sensor_dump import PICTURE, DumpLayout, has_raw_header
 from procedures.reading.tiff_tags import (
     BLACK_LEVEL,
     CFA_PATTERN,
+    CFA_REPEAT,
     Tags,
     has_directory,
     is_monochrome,
@@ -304,9 +305,13 @@ def linear_colours(data: bytes, name: str) -> npt.NDArray[np.uint16]:
     """
     import rawpy
 
+    repeat = mosaic_tags(BytesIO(data), name).get(CFA_REPEAT, (2, 2))
     with captured_noise() as noise:
         try:
             with rawpy.imread(BytesIO(data)) as raw:
+                if repeat not in ((2, 2), (6, 6)) or raw.num_colors > 3:
+                    reason = f"a mosaic must have three colours in 2 x 2 or 6 x 6 pixels; {name} has another"
+                    raise BadInput(reason, _OTHER_CAMERA)
                 Room(name).take(4 * BYTES * raw.sizes.width * raw.sizes.height, "pixels of three colours")
                 black = max(raw.black_level_per_channel)
                 colours = raw.postprocess(

@@ -8,7 +8,7 @@ import pytest
 import rawpy
 
 from procedures import BadInput, BadParameter, DumpLayout
-from procedures.raw import default_plane, read_frame, read_planes
+from procedures.raw import default_plane, linear_colours, read_frame, read_planes
 
 WHITE = 16383
 BLACKS = np.array([[256, 257], [258, 259]])
@@ -179,6 +179,13 @@ def test_camera_dngs_are_scaled_and_interpolated_ones_refused(shared_data):
 def test_what_is_no_bayer_mosaic_is_refused_by_name(write_dng, cfa, tags, reason):
     with pytest.raises(BadInput, match=reason):
         read_frame(write_dng(mosaic_of("RGGB"), cfa, tags))
+
+
+@pytest.mark.parametrize(("cfa", "tags"), [((0, 1, 2, 3), {50710: ("B", [3, 4, 5, 1])}), ((0, 0, 1, 1) * 4, {33421: ("H", [4, 4])})])
+def test_a_mosaic_of_four_colours_or_4_x_4_pixels_is_not_demosaicked(write_dng, cfa, tags):
+    path = write_dng(mosaic_of("RGGB"), cfa, tags)
+    with pytest.raises(BadInput, match="must have three colours in 2 x 2 or 6 x 6"):
+        linear_colours(path.read_bytes(), "a.dng")
 
 
 def test_a_monochrome_dng_gives_every_pixel_as_y(write_dng):
