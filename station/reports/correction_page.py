@@ -39,11 +39,12 @@ def correction_page(report: Report) -> str:
         )
         return Figures([Figure(*one) for one in zip(shown, captions, strict=True)])
 
-    developed = corrected.frame.development is not None
-    captions = (
-        "Before: decoded to light." if developed else "Before: colours of the mosaic spread linearly.",
-        f"After: `{'picture' if developed else 'corrected.dng'}`, `corrected.tiff`. Balanced to grey only here.",
+    developed, grey = corrected.frame.development is not None, after.shape[2] == 1
+    before_words = (
+        "decoded to light" if developed else "the photograph" if grey else "colours of the mosaic spread linearly"
     )
+    after_words = f"After: `{'picture' if developed else 'corrected.dng'}`, `corrected.tiff`."
+    captions = (f"Before: {before_words}.", after_words if grey else f"{after_words} Balanced to grey only here.")
     whole, compared = pair(lambda one: smaller(one, MAX_SIDE_PX), captions, "the whole frame"), list[Block]()
     for x, y, words in PLACES:
         part = pair(lambda one, x=x, y=y: _part(one, x, y), ("Before.", "After."), words)  # type: ignore[misc]

@@ -156,7 +156,11 @@ def test_vignetting_stored_in_the_field_is_corrected(files, done, tmp_path):
 
 
 def test_a_grey_photograph_whose_camera_is_not_known_is_doubtful(files, tmp_path):
-    correct(files[0] / "photo.tiff", "--field", files[0] / "grey.h5", "--out", tmp_path)
+    correct(files[0] / "photo.tiff", "--field", files[0] / "grey.h5", "--certificate", "--out", tmp_path)
+    page = (tmp_path / "report.html").read_text()
+    assert "Before: the photograph." in page
+    assert '<td class="unit"><span data-unit>cycles/pixel</span></td>' in page
+    assert "expanded uncertainty" not in (tmp_path / "certificate.html").read_text()  # no number has one
     record = json.loads((tmp_path / "result.json").read_text())
     assert record["verdict"] == "doubtful"
     assert "does not name its camera" in record["reason"]
