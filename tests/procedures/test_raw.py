@@ -181,7 +181,9 @@ def test_what_is_no_bayer_mosaic_is_refused_by_name(write_dng, cfa, tags, reason
         read_frame(write_dng(mosaic_of("RGGB"), cfa, tags))
 
 
-@pytest.mark.parametrize(("cfa", "tags"), [((0, 1, 2, 3), {50710: ("B", [3, 4, 5, 1])}), ((0, 0, 1, 1) * 4, {33421: ("H", [4, 4])})])
+@pytest.mark.parametrize(
+    ("cfa", "tags"), [((0, 1, 2, 3), {50710: ("B", [3, 4, 5, 1])}), ((0, 0, 1, 1) * 4, {33421: ("H", [4, 4])})]
+)
 def test_a_mosaic_of_four_colours_or_4_x_4_pixels_is_not_demosaicked(write_dng, cfa, tags):
     path = write_dng(mosaic_of("RGGB"), cfa, tags)
     with pytest.raises(BadInput, match="must have three colours in 2 x 2 or 6 x 6"):
