@@ -14,8 +14,9 @@ from station.guide.recompute import recompute
 from station.procedure.schema import procedure_named
 from station.reports.certificate import PAGE, record_digest
 from station.reports.certificate_details import SIGNATURE, STATEMENT, read_statement
-from station.results.measurement import Measurement
-from station.results.reader import changes, read_record, read_result
+from station.results.measurement import BY_PLANE, Measurement
+from station.results.plane_result import PlaneResult
+from station.results.reader import read_record, read_result
 from station.results.result_files import RECORD, damage, json_object
 from station.results.terms import Terms
 from station.results.units import Unit
@@ -23,7 +24,9 @@ from station.results.units import Unit
 STATED = re.compile(rb'record-sha256(?:" content="| )([0-9a-f]{64})')
 """The digest in the head of the page, and among the keywords of the PDF."""
 SAME_SIGMAS = 0.01
-"""Numbers computed on another processor differ by less than this fraction of their standard uncertainty."""
+"""Numbers computed on another processor differ by less than this fraction of their standard uncertainty, or value."""
+SIGMAS = "standard uncertainties"
+Difference = tuple[str, float, str]
 DERIVED = "derived"
 
 
@@ -33,6 +36,7 @@ def check_certificate(path: Path, originals: Path | None = None, signer: Path | 
     originals : photographs' folder, if they moved
     signer : file with the key of the expected signer, or folder of `.pub` files with those of several
     """
+    path = path.resolve() if path.is_symlink() else path
     try:
         match = STATED.search(read_own(path))
     except OSError as error:
@@ -112,7 +116,7 @@ def _session_checks(folder: Path) -> Iterator[ProofCheck]:
         yield ProofCheck("originals", False, str(error))
         return
     yield ProofCheck("originals", True, "every photograph of the session is unchanged")
-    moved = [(one.number, abs(one.sigmas)) for one in again.moved]
+    moved = [(one.number, abs(one.sigmas), SIGMAS) for one in again.moved]
     yield _number_check(again.numbers, moved, [words for words, *_ in again.verdicts])
 
 
@@ -122,7 +126,7 @@ def _result_checks(measurement: Measurement, originals: Path | None) -> Iterator
     for file in head.input:
         path = Path(file.path)
         beside = sorted(originals.rglob(path.name)) if originals is not None else []
-        places[file.path] = next((one for one in (*beside, path) if holds(one, file.sha256)), None)
+        places[file.path] = next((one for one in (*beside, path) if holds(one.resolve(), file.sha256)), None)
     missing = [printable(name) for name, place in places.items() if place is None]
     words = f"changed or missing: {', '.join(missing)}" if missing else f"{len(places)} of {len(places)} unchanged"
     yield ProofCheck("originals", not missing, words)
@@ -142,22 +146,30 @@ def _result_checks(measurement: Measurement, originals: Path | None) -> Iterator
     except ProcedureError as error:
         yield ProofCheck("numbers", False, f"they cannot be computed again: {error}")
         return
-    pairs = [(plane, fresh.by_name[plane.name]) for plane in measurement.planes if plane.name in fresh.by_name]
-    differences = [
-        (f"{one.name} {change.name}", abs(change.other.value - change.one.value) / (change.one.uncertainty or 1))
-        for one, other in pairs
-        for change in changes(one, other)
-    ]
+    again = fresh.by_name  # the record of a single result does not state its name
+    if measurement.results_key != BY_PLANE:
+        again = {measurement.planes[0].name: fresh.planes[0]}
+    pairs = [(plane, again[plane.name]) for plane in measurement.planes if plane.name in again]
+    differences = [difference for one, other in pairs for difference in _differences(one, other)]
     verdicts = [one.name for one, other in pairs if one.verdict is not other.verdict]
-    lost = [plane.name for plane in measurement.planes if plane.name not in fresh.by_name]
+    lost = [plane.name for plane in measurement.planes if plane.name not in again]
     yield _number_check(len(differences), differences, [*verdicts, *lost])
 
 
-def _number_check(count: int, differences: Sequence[tuple[str, float]], verdicts: Sequence[str]) -> ProofCheck:
-    """The check of numbers that differ by fractions of their uncertainties, and of planes with another verdict."""
+def _differences(one: PlaneResult, other: PlaneResult) -> Iterator[Difference]:
+    """The differences of the numbers that both have, in standard uncertainties; of others relative to their values."""
+    for name in (*one.numbers, *(name for name in one.values if name not in one.numbers)):
+        known, found = one.quantity(name), other.quantity(name)
+        if known is not None and found is not None:
+            size = abs(found.value - known.value) / (known.uncertainty or abs(known.value) or 1)
+            yield f"{one.name} {name}", size, SIGMAS if known.uncertainty else "of the value"
+
+
+def _number_check(count: int, differences: Sequence[Difference], verdicts: Sequence[str]) -> ProofCheck:
+    """The check of numbers that differ, and of planes with another verdict."""
     moved = sorted((difference for difference in differences if difference[1] > SAME_SIGMAS), key=lambda one: -one[1])
     if not moved and not verdicts:
         return ProofCheck("numbers", True, f"{count} of {count} computed again and equal")
-    words = [f"{name} by {size:.2g} standard uncertainties" for name, size in moved[:3]]
+    words = [f"{name} by {size:.2g} {unit}" for name, size, unit in moved[:3]]
     words += [f"the verdict of {name}" for name in verdicts]
     return ProofCheck("numbers", False, f"computed again, {len(moved)} of {count} differ: {', '.join(words)}")

@@ -1,5 +1,6 @@
 import io
 import json
+import shutil
 from dataclasses import replace
 from functools import partial
 
@@ -168,6 +169,16 @@ def test_a_grey_photograph_whose_camera_is_not_known_is_doubtful(files, tmp_path
     np.testing.assert_allclose(cv2.imread(str(tmp_path / "corrected.tiff"), cv2.IMREAD_UNCHANGED) / 65535, picture[0])
     plain = files[2]
     assert plain.psnr(picture) > plain.psnr(plain.frame.planes["Y"].samples[None]) + 2
+
+
+def test_the_certificate_of_a_picture_is_verified_with_its_field(files, tmp_path):
+    shutil.copy(files[0] / "grey.h5", tmp_path)
+    words = "--field", tmp_path / "grey.h5", *FEW, "--no-report", "--certificate", "--out", tmp_path / "out"
+    correct(files[0] / "photo.tiff", *words)
+    certificate = tmp_path / "out" / "certificate.html"
+    assert "numbers: ok, 4 of 4 computed again and equal" in run("verify", certificate).output
+    (tmp_path / "grey.h5").write_bytes(b"another")
+    run("verify", certificate, code=4, says=f"changed or missing: {tmp_path / 'grey.h5'}")
 
 
 def test_a_result_into_the_folder_of_its_photograph_does_not_replace_it(files, done, tmp_path):

@@ -118,7 +118,11 @@ def test_originals_are_found_elsewhere_by_their_hash(copy, measured, tmp_path):
         done = run("verify", copy / "out" / "certificate.pdf", "--json", code=4)
         assert checks(done)["originals"] is False
         done = run("verify", copy / "out" / "certificate.pdf", "--originals", hidden, "--json")
+        original.symlink_to(hidden / "photo.dng")
+        (tmp_path / "link").symlink_to(copy / "out" / "certificate.html")
+        assert checks(run("verify", tmp_path / "link", "--json"))["originals"] is True
     finally:
+        original.unlink(missing_ok=True)
         shutil.move(hidden / "photo.dng", original)
     assert record["arguments"] == [str(original)]
 
