@@ -22,7 +22,7 @@ from procedures.reading.development import LINEAR, SRGB, Development, ToneCurve,
 from procedures.reading.exposure import read_exposure
 from procedures.reading.grey_image import PNG_MAGIC, TIFF_MAGIC, read_levels
 from procedures.reading.guard import Room, decoding
-from procedures.reading.tiff_tags import ICC_PROFILE, image_directories
+from procedures.reading.tiff_tags import COMPRESSION, ICC_PROFILE, ORIENTATION, image_directories
 
 _AGAIN = "copy it again, or export it as TIFF or PNG"
 _RGB = "export it as grey or RGB, without transparency"
@@ -74,6 +74,8 @@ def _profiled(icc: bytes) -> ToneCurve | None:
 # --- formats ---
 
 LOSSY, RAW = ("JPEG", "WEBP", "HEIF"), "RAW"
+JPEG_IN_TIFF = ((6,), (7,))  # compressions of a TIFF by JPEG
+HEIF_TURN, UPRIGHT = b"\0\0\0\x09irot", (1, 8, 3, 6)  # box of anticlockwise quarters, and EXIF's orientation for each
 USUAL_CODING = 0.01  # error of block coding where the file does not state its tables, as part of white's level
 
 
@@ -102,6 +104,10 @@ def _read_8(data: bytes, name: str) -> tuple[npt.NDArray[np.uint8], float, bytes
             raise BadInput(f"a picture must be opaque; {name} has transparency", _RGB)
         icc, exif = image.info.get("icc_profile") or b"", image.info.get("exif") or b""
         levels = np.asarray(image if image.mode == "L" else image.convert("RGB"), dtype=np.uint8)
+        if data[4:8] == b"ftyp" and (turn := data.partition(HEIF_TURN)[2][:1]):  # decoded as turned: back to the sensor
+            quarters, tags = turn[0] & 3, image.getexif()
+            tags[ORIENTATION] = UPRIGHT[quarters]
+            levels, exif = np.rot90(levels, -quarters), tags.tobytes()
         levels, steps = levels.reshape(*levels.shape[:2], -1), getattr(image, "quantization", {}).get(0)
     return levels, coding_error(levels, steps) if steps else USUAL_CODING, icc, exif
 
@@ -121,11 +127,12 @@ def pillow(*, heif: bool, name: str = "the picture") -> Any:
 
 
 def _read_lossless(data: bytes, name: str) -> tuple[npt.NDArray[Any], float, bytes, bytes]:
-    """Levels (H, W, C) of a PNG or TIFF of 8 or 16 bits, 0 for its coding error, profile and metadata."""
+    """Levels (H, W, C) of a PNG or TIFF of 8 or 16 bits, its coding error, profile and metadata."""
     levels = read_levels(data, name)
     if data.startswith(TIFF_MAGIC):
         tags = image_directories(BytesIO(data), name)[0]
-        return levels, 0.0, bytes(int(one) for one in tags.get(ICC_PROFILE, ())), b""
+        coding = USUAL_CODING if tags.get(COMPRESSION) in JPEG_IN_TIFF else 0.0
+        return levels, coding, bytes(int(one) for one in tags.get(ICC_PROFILE, ())), b""
     with pillow(heif=False).open(BytesIO(data)) as image:
         icc, exif = image.info.get("icc_profile") or b"", image.info.get("exif") or b""
     return levels, 0.0, icc, exif

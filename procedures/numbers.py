@@ -200,7 +200,7 @@ WITNESS_BLACK = _estimate(
     "black over white from the distance less that from nearer: 0 without stray light", _L, _C,
 )  # fmt: skip
 PIXELS_PER_PATTERN = _estimate(
-    "pixels_per_pattern", "pixel", "Width of the noise region, in pixels",
+    "pixels_per_pattern", "pixel", "Width of the noise region",
     "width of the noise region in pixels of the plane",
 )  # fmt: skip
 SCALE = _estimate("scale", "1", "Zoom", "two photographs: zoom along x and y, far over near distance")

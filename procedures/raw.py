@@ -1,6 +1,7 @@
 """Reading of photographs into arrays: mosaic planes of RAW files, grey images, without demosaicking."""
 
 import hashlib
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -24,6 +25,7 @@ from procedures.reading.sensor_dump import PICTURE, DumpLayout, has_raw_header
 from procedures.reading.tiff_tags import (
     BLACK_LEVEL,
     CFA_PATTERN,
+    CFA_REPEAT,
     Tags,
     has_directory,
     is_monochrome,
@@ -217,7 +219,11 @@ def default_plane(path: Path | str, layout: DumpLayout | None = None) -> str:
 # --- kinds of file ---
 
 _GREY = ("pgm", "png", "tiff")
-_EXPORT = "give the camera's RAW file, or export one linear plane as a grey 16 bit TIFF"
+_PICTURES = {
+    "JPEG": rb"\xff\xd8\xff", "PPM": rb"P[36]", "BMP": rb"BM.{4}\0{4}", "GIF": rb"GIF8", "WebP": rb"RIFF.{4}WEBP",
+    "HEIC": rb".{4}ftyp(he|mif|msf)", "AVIF": rb".{4}ftypavi", "JPEG 2000": rb"\0{3}\x0cjP", "OpenEXR": rb"v/1\x01",
+}  # fmt: skip
+_EXPORT = "give the camera's RAW file, or export one linear plane as a grey 16 bit TIFF, named .tif"
 _DUMP = "give the camera's RAW file; for a sensor's dump give the layout: --raw WIDTHxHEIGHT,RGGB,u16le,BLACK,WHITE"
 
 
@@ -234,10 +240,8 @@ def _kind(path: Path, file: BinaryIO) -> str:
     if head.startswith(TIFF_MAGIC) and path.suffix.lower() in (".tif", ".tiff") and not holds_mosaic:
         return "tiff"
     # raise BadInput for formats without a linear plane
-    if head.startswith(b"\xff\xd8\xff"):
-        raise BadInput(f"{path} is a JPEG, which is not linear in light", _EXPORT)
-    if head[:2] in (b"P3", b"P6"):
-        raise BadInput(f"{path} is a PPM with three colours; one linear plane is required", _EXPORT)
+    if found := next((kind for kind, form in _PICTURES.items() if re.match(form, head, re.DOTALL)), None):
+        raise ColourInput(f"a RAW file or one linear plane is required; {path} is of the format {found}", _EXPORT)
     if _is_text(head) and not has_raw_header(head):
         raise BadInput(f"{path} is a text file, not a photograph", _EXPORT)
     if not has_raw_header(head) or (head.startswith(TIFF_MAGIC) and not begins_as_tiff):
@@ -301,9 +305,13 @@ def linear_colours(data: bytes, name: str) -> npt.NDArray[np.uint16]:
     """
     import rawpy
 
+    repeat = mosaic_tags(BytesIO(data), name).get(CFA_REPEAT, (2, 2))
     with captured_noise() as noise:
         try:
             with rawpy.imread(BytesIO(data)) as raw:
+                if repeat not in ((2, 2), (6, 6)) or raw.num_colors > 3:
+                    reason = f"a mosaic must have three colours in 2 x 2 or 6 x 6 pixels; {name} has another"
+                    raise BadInput(reason, _OTHER_CAMERA)
                 Room(name).take(4 * BYTES * raw.sizes.width * raw.sizes.height, "pixels of three colours")
                 black = max(raw.black_level_per_channel)
                 colours = raw.postprocess(

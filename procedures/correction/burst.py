@@ -187,7 +187,7 @@ def place_of(frame: RawFrame, other: RawFrame, noise: Mapping[str, Noise]) -> Bu
     return BurstRegistration(on_sensor, light, residual, *_set_aside(light, residual, over_noise, change))
 
 
-_ELSEWHERE = ("it shows another scene, or the scene from another place", "omit it")
+_ELSEWHERE = ("it shows another scene, or the scene turned or from another place", "omit it")
 
 
 def _set_aside(light: float, residual: float, over_noise: float, change: float) -> tuple[str, str]:

@@ -45,7 +45,7 @@ def check_fields(planes: Mapping[str, Plane], fields: Mapping[str, PsfField], *,
             raise BadInput(
                 f"plane {name} of the field has {columns} x {rows} pixels, the photograph's has "
                 f"{plane.samples.shape[1]} x {plane.samples.shape[0]}",
-                "give a whole photograph of the camera that the field was measured with",
+                "give a whole photograph of the field's camera, neither cropped nor turned from the sensor's rows",
             )
     if all(plane.samples.min() == plane.samples.max() for plane in planes.values()):
         reason = "the photograph has no contrast: all samples are equal"

@@ -42,7 +42,8 @@ class MeasuredFrames:
     charts: dict[str, list[MeasuredChart]] = field(default_factory=dict)
 
     def add(self, name: str, answer: Answer) -> None:
-        """Add the result of one photograph; a Miss where it failed, or its size or planes differ from the first."""
+        """Add the result of one photograph; a Miss where it failed, is a copy, or has other planes than the
+        first."""
         if isinstance(answer, ProcedureError):
             self._fail(Miss(name, answer.reason, answer.remedy))
             return
@@ -50,6 +51,10 @@ class MeasuredFrames:
         if self.planes and measured.shapes != {n: plane.samples.shape for n, plane in self.planes.items()}:
             reason = f"{name} has not the planes and sizes of {self.frames[0][0].name}"
             self._fail(Miss(name, reason, "give photographs of one camera, in one format"))
+            return
+        copied = [path.name for path, digest in self.frames if digest and digest == frame.sha256]
+        if copied:
+            self._fail(Miss(name, f"{name} has the content of {copied[0]}", "give it once"))
             return
         if not self.planes:
             for plane in frame.planes.values():

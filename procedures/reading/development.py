@@ -79,7 +79,7 @@ def coding_error(levels: npt.NDArray[np.uint8], steps: Sequence[int]) -> float:
 
 
 POINTS = 4096
-LINEAR, SRGB = "linear", "srgb"
+LINEAR, SRGB, OF_PROFILE = "linear", "srgb", "ICC profile"
 _PARAMETERS = {0: 1, 1: 3, 2: 4, 3: 5, 4: 7}  # number of parameters by the type of a parametric curve
 
 
@@ -122,16 +122,33 @@ def curve_of_profile(profile: bytes) -> ToneCurve | None:
 
     Raises ValueError or struct.error for a damaged profile.
     """
-    (count,) = struct.unpack_from(">I", profile, 128)
-    places = {profile[at : at + 4]: struct.unpack_from(">II", profile, at + 4)
-              for at in range(132, 132 + 12 * min(count, 100), 12)}  # fmt: skip
-    offset, size = places.get(b"gTRC") or places.get(b"kTRC") or (0, 0)
-    if not size:
+    places = _curve_places(profile)
+    at = places.get(b"gTRC") or places.get(b"kTRC")
+    if at is None:
         return None
+    offset, size = struct.unpack_from(">II", profile, at + 4)
     light = _curve(profile[offset : offset + size])
     if not np.isfinite(light).all() or light[0] < 0 or np.any(np.diff(light) < 0) or not light[-1] > 0:
         raise ValueError("its tone curve does not rise")
-    return ToneCurve("ICC profile", light / light[-1])
+    return ToneCurve(OF_PROFILE, light / light[-1])
+
+
+def linear_profile(profile: bytes) -> bytes:
+    """An ICC profile with the identity in place of its tone curves."""
+    linear = bytearray(profile)
+    for at in _curve_places(profile).values():
+        (offset,) = struct.unpack_from(">I", profile, at + 4)
+        linear[offset : offset + 12] = b"curv" + bytes(8)
+        struct.pack_into(">I", linear, at + 8, 12)
+    linear[84:100] = bytes(16)  # digest of the former content
+    return bytes(linear)
+
+
+def _curve_places(profile: bytes) -> dict[bytes, int]:
+    """Places of the entries of tone curves in a profile's table, by signature."""
+    (count,) = struct.unpack_from(">I", profile, 128)
+    entries = {profile[at : at + 4]: at for at in range(132, 132 + 12 * min(count, 100), 12)}
+    return {name: at for name, at in entries.items() if name[1:] == b"TRC"}
 
 
 def _curve(data: bytes) -> Array:

@@ -13,9 +13,12 @@ from procedures.reading.guard import Room
 from procedures.reading.library_noise import captured_noise
 from procedures.reading.tiff_tags import (
     BITS_PER_SAMPLE,
+    COMPRESSION,
+    FLOATING,
     LENGTH,
     PHOTOMETRIC,
     PLANAR,
+    SAMPLE_FORMAT,
     SAMPLES_PER_PIXEL,
     TILE_LENGTH,
     TILE_WIDTH,
@@ -139,17 +142,27 @@ def read_tiff(data: bytes, name: str) -> tuple[Samples, int]:
 
     Raises BadInput if the file has colours, another depth than 8 or 16 bit integers, or cannot be decoded completely.
     """
-    for tags in image_directories(io.BytesIO(data), name)[:1]:
-        _check_page(tags, name)
-        levels = _decode(data, name)
-        break
-    else:
-        raise BadInput(f"{name} is truncated or damaged: it cannot be decoded completely", _AGAIN)
+    _check_page(_first_page(data, name), name)
+    levels = _decode(data, name)
     if levels.ndim != 2:
         raise ColourInput(f"a photograph must be one linear grey plane; {name} has a palette", _EXPORT)
     if levels.dtype not in (np.uint8, np.uint16):
         raise BadInput(f"grey levels must be integers of 8 or 16 bits; {name} has {levels.dtype}", _EXPORT)
     return levels, int(np.iinfo(levels.dtype).max)
+
+
+def _first_page(data: bytes, name: str) -> Tags:
+    """Tags of a TIFF's first page. Raises BadInput if there is none, another is as large, or it has no integers."""
+    pages = image_directories(io.BytesIO(data), name)
+    if not pages:
+        raise BadInput(f"{name} is truncated or damaged: it cannot be decoded completely", _AGAIN)
+    sizes = [_first(tags, WIDTH, 0) * _first(tags, LENGTH, 0) for tags in pages]
+    if max(sizes[1:], default=0) >= sizes[0]:
+        reason = f"the first page of a TIFF must be the largest of {len(pages)}; a later one of {name} is not smaller"
+        raise BadInput(reason, "save the page that is the photograph as a file of its own")
+    if _first(pages[0], SAMPLE_FORMAT, 1) == FLOATING:
+        raise BadInput(f"a picture must have integers of 8 or 16 bits; {name} has floating-point numbers", _COLOURS)
+    return pages[0]
 
 
 def _check_page(tags: Tags, name: str) -> None:
@@ -195,11 +208,10 @@ def _declared_size(data: bytes, name: str) -> tuple[int, int]:
     if data.startswith(PNG_MAGIC) and len(data) >= 26:
         columns, rows = struct.unpack_from(">II", data, 16)
         return columns, rows
-    for tags in image_directories(io.BytesIO(data), name)[:1]:
-        _check_colours(tags, name)
-        tile = max(1, _first(tags, TILE_WIDTH, 1)), max(1, _first(tags, TILE_LENGTH, 1))
-        return max(_first(tags, WIDTH, 0), tile[0]), max(_first(tags, LENGTH, 0), tile[1])
-    raise BadInput(f"{name} is not a readable TIFF or PNG", _COLOURS)
+    tags = _first_page(data, name)
+    _check_colours(tags, name)
+    tile = max(1, _first(tags, TILE_WIDTH, 1)), max(1, _first(tags, TILE_LENGTH, 1))
+    return max(_first(tags, WIDTH, 0), tile[0]), max(_first(tags, LENGTH, 0), tile[1])
 
 
 _RGB = (1, 2, 3, 6)
@@ -237,5 +249,14 @@ def _decode(data: bytes, name: str) -> Samples:
         except cv2.error:
             image = None
     if image is None or noise.errors:
+        tags: Tags = next(iter(image_directories(io.BytesIO(data), name)), {})
+        compression, stored = _first(tags, COMPRESSION, 1), "tiles" if TILE_WIDTH in tags else "strips"
+        if stored == "tiles" or compression not in _DECODED:
+            reason = f"{name} is damaged, or a TIFF of a kind that is not read: compression {compression}, in {stored}"
+            raise BadInput(reason, "export it in strips, uncompressed or by LZW or Deflate")
         raise BadInput(f"{name} is truncated or damaged: it cannot be decoded completely", _AGAIN)
     return cast(Samples, image)
+
+
+_DECODED = (1, 5, 7, 8, 32773, 32946)
+"""Compressions of TIFF that OpenCV decodes: none, LZW, JPEG, Deflate, PackBits."""

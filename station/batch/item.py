@@ -84,7 +84,7 @@ class ItemRow:
 
     verdict : one of VERDICTS; of the measurement: the worst of the planes'
     specification : one of JUDGED; the worst verdict of the planes against their limits
-    against : the limits that are missed or undecided, in sentences
+    against : the limits that are missed or undecided, and the frequencies without an MTF, in sentences
     noted : recorded by the camera: exposure_s, f_number, focus_distance_mm, iso, focal_length_mm, camera, lens
     folder : of its result, relative to the batch; "" where none was written, so that a later run tries again
     reused : whether it is the result of an earlier run
@@ -225,7 +225,9 @@ def _judged(row: ItemRow, records: Sequence[PlaneResult]) -> ItemRow:
     reason = f"{name}: {worst.reason}" if worst.reason else ""
     judged = max((plane.specification for plane in planes.values()), key=JUDGED.index)
     against = "; ".join(
-        f"{one.name}: {words}" for one in records if one.specification for words in one.specification.against
+        f"{one.name}: {words}"
+        for one in records
+        for words in (*(one.specification or Comparison()).against, *one.unavailable)
     )
     return replace(
         row, verdict=worst.verdict, reason=reason, remedy=worst.remedy, planes=planes, specification=judged,

@@ -18,6 +18,8 @@ from procedures.pattern_psf.focus.aperture import CONTRADICTION_SIGMAS, mean_f_n
 from procedures.psf_field import PsfField
 from procedures.quality import OPERATOR, WAVELENGTHS_NM, Diffraction
 from procedures.raw import Exposure, RawFrame
+from procedures.reading.development import OF_PROFILE, linear_profile
+from procedures.reading.tiff_tags import ICC_PROFILE
 from station.calibration.camera_metadata import CameraMetadata, metadata_of
 from station.calibration.picture_files import BLACK, WHITE, write_linear_dng, write_tiff
 from station.calibration.restoration.developed import picture_file, unknown_of, wrong_curve
@@ -25,7 +27,7 @@ from station.results.exports import csv_columns
 from station.results.record_head import verdict_entry
 
 TIFF, DNG, MAPS = "corrected.tiff", "corrected.dng", "gain.csv"
-DESCRIPTION = "linear light, 0 black, 65535 white, camera colours not balanced; corrected through its lens's PSF field"
+DESCRIPTION = "linear light, 0 black, 65535 white, {}; corrected through its lens's PSF field"
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,9 +156,13 @@ def _unknown(frames: Sequence[RawFrame], camera: Exposure | None) -> list[str]:
 
 def correction_files(corrected: Corrected) -> dict[str, bytes | Callable[[Path], None]]:
     """The picture, written strip by strip, and the maps; as TIFF and DNG, or in a developed photograph's format."""
-    value, metadata = corrected.outcome.value, corrected.metadata
+    value, metadata, development = corrected.outcome.value, corrected.metadata, corrected.frame.development
     if value is None:
         return {}
+    words = DESCRIPTION.format("the file's own colours" if development else "camera colours not balanced")
+    if development and development.curve.name == OF_PROFILE:
+        profile = linear_profile(development.icc)
+        metadata = replace(metadata, picture={**metadata.picture, ICC_PROFILE: (7, len(profile), profile)})
     pictures = picture_file(corrected.frame, value.picture, words="corrected picture")
     predicted = value.prediction
     y, x = np.meshgrid(predicted.y, predicted.x, indexing="ij")
@@ -165,7 +171,7 @@ def correction_files(corrected: Corrected) -> dict[str, bytes | Callable[[Path],
         "mtf50_after_cycles_px": value.scale * predicted.after, NOISE_GAIN: predicted.noise_gain,
     }  # fmt: skip
     return {
-        TIFF: lambda path: write_tiff(path, value.picture, metadata, DESCRIPTION),
+        TIFF: lambda path: write_tiff(path, value.picture, metadata, words),
         **(pictures or {DNG: lambda path: write_linear_dng(path, value.picture, metadata)}),
         MAPS: csv_columns({name: column.ravel() for name, column in columns.items()}, 6),
     }

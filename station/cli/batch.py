@@ -204,7 +204,7 @@ def _sentence(row: ItemRow) -> str:
     words = f"{printable(' + '.join(row.files))}: {measurement_words(row.verdict)}"
     words += f"; {printable(row.reason)}" if row.reason else ""
     words += f"; {specification_words(row.specification)}" if row.specification else ""
-    words += f": {printable(row.against)}" if row.against else ""
+    words += f"{': ' if row.specification else '; '}{printable(row.against)}" if row.against else ""
     words += f" (done again: {printable(row.redone)})" if row.redone else ""
     return f"{words} (done before)" if row.reused else words
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from station.results.explanation import PlaneExplanation
 
 MOST_TERMS, LEAST_SHARE = 3, 0.005
-NO_BUDGET = "The record states no budget: records of this version do, where the procedure has one."
+NO_BUDGET = "The record has no uncertainty budget."
 
 
 @command("explain", strict=True, as_json=True)

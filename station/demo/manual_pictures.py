@@ -325,7 +325,7 @@ def _six_views(lens: CameraModel, to_right_mm: float, out: Path) -> str:
         points += 0.01 * rng.standard_normal(points.shape)
         inside = np.flatnonzero(((points >= 0) & (points <= (5999, 3999))).all(axis=1))
         view = ChartView(f"view{n}", inside, points[inside], np.tile(1e-4 * np.eye(2), (len(inside), 1, 1)))
-        records.append(ViewRecord(Path(f"view{n}.dng"), "0" * 64, view, Verdict.PASS))
+        records.append(ViewRecord(Path(f"view{n}.dng"), f"{n:064}", view, Verdict.PASS))
     shoot = GeometryPhotographs("G1", (6000, 4000), tuple(records))
     planes = conclude([shoot], GeometryParameters(CELL_MM, model="OPENCV"))
     return _written("geometry", geometry_measurement(planes, RecordHead("geometry", files_read(records), {})), out)

@@ -14,8 +14,9 @@ from station.guide.recompute import recompute
 from station.procedure.schema import procedure_named
 from station.reports.certificate import PAGE, record_digest
 from station.reports.certificate_details import SIGNATURE, STATEMENT, read_statement
-from station.results.measurement import Measurement
-from station.results.reader import changes, read_record, read_result
+from station.results.measurement import BY_PLANE, Measurement
+from station.results.plane_result import PlaneResult
+from station.results.reader import read_record, read_result
 from station.results.result_files import RECORD, damage, json_object
 from station.results.terms import Terms
 from station.results.units import Unit
@@ -23,7 +24,9 @@ from station.results.units import Unit
 STATED = re.compile(rb'record-sha256(?:" content="| )([0-9a-f]{64})')
 """The digest in the head of the page, and among the keywords of the PDF."""
 SAME_SIGMAS = 0.01
-"""Numbers computed on another processor differ by less than this fraction of their standard uncertainty."""
+"""Numbers computed on another processor differ by less than this fraction of their standard uncertainty, or value."""
+SIGMAS = "standard uncertainties"
+Difference = tuple[str, float, str]
 DERIVED = "derived"
 
 
@@ -33,6 +36,7 @@ def check_certificate(path: Path, originals: Path | None = None, signer: Path | 
     originals : photographs' folder, if they moved
     signer : file with the key of the expected signer, or folder of `.pub` files with those of several
     """
+    path = path.resolve() if path.is_symlink() else path
     try:
         match = STATED.search(read_own(path))
     except OSError as error:
@@ -55,8 +59,7 @@ def check_certificate(path: Path, originals: Path | None = None, signer: Path | 
     yield ProofCheck("files of the result", not changed, words)
     if folder.parent.name == DERIVED:
         if signature.agrees is None:
-            words = "a session does not state its digest: without a signature edited text is not detected"
-            yield ProofCheck("certificate", None, words)
+            yield _statement_check(path, digest)
         yield from _session_checks(folder)
     else:
         yield from _result_checks(read_result(folder), originals)
@@ -73,6 +76,18 @@ def _signature_check(path: Path, digest: str, signer: Path | None) -> ProofCheck
     if signed["record"] != digest or signed[path.name] != hashlib.sha256(read_own(path)).hexdigest():
         return ProofCheck("signature", False, f"{printable(path.name)} has been changed since it was signed")
     return check_signature(statement, signature, signed["public key"], signer, signed["signed by"])
+
+
+def _statement_check(path: Path, digest: str) -> ProofCheck:
+    """Whether an unsigned certificate of a session is as the statement beside it says."""
+    try:
+        stated = read_statement(read_own(path.with_name(STATEMENT)))
+    except OSError:
+        words = f"{STATEMENT} is not beside the certificate: edited text is not detected"
+        return ProofCheck("certificate", None, words)
+    if stated["record"] != digest or hashlib.sha256(read_own(path)).hexdigest() not in stated.values():
+        return ProofCheck("certificate", False, f"{printable(path.name)} has been changed since it was written")
+    return ProofCheck("certificate", True, "as it was written")
 
 
 def _changed_copy(path: Path, folder: Path) -> tuple[str, ...]:
@@ -101,7 +116,7 @@ def _session_checks(folder: Path) -> Iterator[ProofCheck]:
         yield ProofCheck("originals", False, str(error))
         return
     yield ProofCheck("originals", True, "every photograph of the session is unchanged")
-    moved = [(one.number, abs(one.sigmas)) for one in again.moved]
+    moved = [(one.number, abs(one.sigmas), SIGMAS) for one in again.moved]
     yield _number_check(again.numbers, moved, [words for words, *_ in again.verdicts])
 
 
@@ -111,7 +126,7 @@ def _result_checks(measurement: Measurement, originals: Path | None) -> Iterator
     for file in head.input:
         path = Path(file.path)
         beside = sorted(originals.rglob(path.name)) if originals is not None else []
-        places[file.path] = next((one for one in (*beside, path) if holds(one, file.sha256)), None)
+        places[file.path] = next((one for one in (*beside, path) if holds(one.resolve(), file.sha256)), None)
     missing = [printable(name) for name, place in places.items() if place is None]
     words = f"changed or missing: {', '.join(missing)}" if missing else f"{len(places)} of {len(places)} unchanged"
     yield ProofCheck("originals", not missing, words)
@@ -131,22 +146,30 @@ def _result_checks(measurement: Measurement, originals: Path | None) -> Iterator
     except ProcedureError as error:
         yield ProofCheck("numbers", False, f"they cannot be computed again: {error}")
         return
-    pairs = [(plane, fresh.by_name[plane.name]) for plane in measurement.planes if plane.name in fresh.by_name]
-    differences = [
-        (f"{one.name} {change.name}", abs(change.other.value - change.one.value) / (change.one.uncertainty or 1))
-        for one, other in pairs
-        for change in changes(one, other)
-    ]
+    again = fresh.by_name  # the record of a single result does not state its name
+    if measurement.results_key != BY_PLANE:
+        again = {measurement.planes[0].name: fresh.planes[0]}
+    pairs = [(plane, again[plane.name]) for plane in measurement.planes if plane.name in again]
+    differences = [difference for one, other in pairs for difference in _differences(one, other)]
     verdicts = [one.name for one, other in pairs if one.verdict is not other.verdict]
-    lost = [plane.name for plane in measurement.planes if plane.name not in fresh.by_name]
+    lost = [plane.name for plane in measurement.planes if plane.name not in again]
     yield _number_check(len(differences), differences, [*verdicts, *lost])
 
 
-def _number_check(count: int, differences: Sequence[tuple[str, float]], verdicts: Sequence[str]) -> ProofCheck:
-    """The check of numbers that differ by fractions of their uncertainties, and of planes with another verdict."""
+def _differences(one: PlaneResult, other: PlaneResult) -> Iterator[Difference]:
+    """The differences of the numbers that both have, in standard uncertainties; of others relative to their values."""
+    for name in (*one.numbers, *(name for name in one.values if name not in one.numbers)):
+        known, found = one.quantity(name), other.quantity(name)
+        if known is not None and found is not None:
+            size = abs(found.value - known.value) / (known.uncertainty or abs(known.value) or 1)
+            yield f"{one.name} {name}", size, SIGMAS if known.uncertainty else "of the value"
+
+
+def _number_check(count: int, differences: Sequence[Difference], verdicts: Sequence[str]) -> ProofCheck:
+    """The check of numbers that differ, and of planes with another verdict."""
     moved = sorted((difference for difference in differences if difference[1] > SAME_SIGMAS), key=lambda one: -one[1])
     if not moved and not verdicts:
         return ProofCheck("numbers", True, f"{count} of {count} computed again and equal")
-    words = [f"{name} by {size:.2g} standard uncertainties" for name, size in moved[:3]]
+    words = [f"{name} by {size:.2g} {unit}" for name, size, unit in moved[:3]]
     words += [f"the verdict of {name}" for name in verdicts]
     return ProofCheck("numbers", False, f"computed again, {len(moved)} of {count} differ: {', '.join(words)}")

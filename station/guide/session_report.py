@@ -99,9 +99,11 @@ def session_report(folder: Path, result: SessionResult | None = None) -> Report:
 def certificate_files(
     folder: Path, result: SessionResult | None = None, details: CertificateDetails | None = None
 ) -> dict[str, bytes]:
-    """Certificate of a session's last result: page and PDF by name; details : else of certificate.toml. Raises as
-    `session_report`."""
+    """Certificate of a session's last result: page, PDF and their hashes by name; details : else of certificate.toml.
+    Raises as `session_report`."""
     from station.reports import certificate_print
+    from station.reports.certificate import record_digest
+    from station.reports.certificate_details import STATEMENT, statement_of
 
     report, last = session_report(folder, result), read_session(folder).state.results[-1]
     from station.guide.provenance import NAMES  # imported here: its dependencies are slow to import
@@ -114,7 +116,9 @@ def certificate_files(
                 f"{value:.4g} {unit}".rstrip() if isinstance(value, float) else str(value)
             )
     report, record = replace(report, parameters=known), read_record(folder / last.folder)
-    return certificate_print.certificate_files(report, record, details or CertificateDetails.read())
+    files = certificate_print.certificate_files(report, record, details or CertificateDetails.read())
+    files.setdefault(STATEMENT, statement_of(files, {"record": record_digest(record)}))
+    return files
 
 
 def _kept_page(folder: Path, record: SessionRecord) -> str | None:

@@ -222,7 +222,9 @@ def _footnote(report: Report) -> str:
         pixel = f" Frequencies in {first.unit} {Pixels(first.pitch).words}."
     known, words = report.procedure in METHODS, VALIDITY.get(report.procedure, HERE)
     validity = f" {words}, this focus and this aperture." if known else ""
-    return f"± expanded uncertainty, coverage factor {COVERAGE_FACTOR} (about 95 %).{pixel}{validity}"
+    uncertain = any("±" in cell for row in number_table(report.planes).rows for cell in row)
+    expanded = f"± expanded uncertainty, coverage factor {COVERAGE_FACTOR} (about 95 %)." if uncertain else ""
+    return f"{expanded}{pixel}{validity}".lstrip()
 
 
 def _shots(report: Report) -> list[list[str]]:

@@ -119,10 +119,15 @@ def signature_files(files: Mapping[str, bytes], record: str, details: Certificat
         return {}
     key = Path(details.signing_key)
     head = {"signed by": details.signer, "public key": public_key(key), "record": record}
+    statement = statement_of(files, head)
+    return {STATEMENT: statement, SIGNATURE: sign(statement, key)}
+
+
+def statement_of(files: Mapping[str, bytes], head: Mapping[str, str]) -> bytes:
+    """Entries of a head and hashes of files, as `sha256sum --check` reads them."""
     lines = [f"# {name}: {words}" for name, words in head.items()]
     lines += [f"{hashlib.sha256(data).hexdigest()}  {name}" for name, data in files.items()]
-    statement = "".join(f"{line}\n" for line in lines).encode()
-    return {STATEMENT: statement, SIGNATURE: sign(statement, key)}
+    return "".join(f"{line}\n" for line in lines).encode()
 
 
 def read_statement(statement: bytes) -> dict[str, str]:

@@ -40,11 +40,12 @@ def correction_page(report: Report) -> str:
         )
         return Figures([Figure(*one) for one in zip(shown, captions, strict=True)])
 
-    developed = frame.development is not None
-    captions = (
-        "Before: decoded to light." if developed else "Before: colours of the mosaic spread linearly.",
-        f"After: `{'picture' if developed else 'corrected.dng'}`, `corrected.tiff`. Balanced to grey only here.",
+    developed, grey = frame.development is not None, after.shape[2] == 1
+    before_words = (
+        "decoded to light" if developed else "the photograph" if grey else "colours of the mosaic spread linearly"
     )
+    after_words = f"After: `{'picture' if developed else 'corrected.dng'}`, `corrected.tiff`."
+    captions = (f"Before: {before_words}.", after_words if grey else f"{after_words} Balanced to grey only here.")
     reduced = smaller(after, MAX_SIDE_PX)
     whole, compared = pair(_whole(frame, reduced.shape), reduced, captions, "the whole frame"), list[Block]()
     for x, y, words in PLACES:

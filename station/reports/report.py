@@ -155,7 +155,9 @@ def numbers_of_page(plane: PlaneResult) -> list[tuple[str, Any]]:
     """All numbers of a plane with labels, in the order of `procedures.numbers`; those without uncertainty last."""
     order = {name: at for at, name in enumerate(NUMBERS)}
     names = sorted(plane.numbers, key=lambda name: order.get(name, len(order)))
-    plain = [(one.label, value) for one in NUMBERS.values() if isinstance(value := plane.values.get(one), int | float)]
+    plain = [
+        (NUMBERS[name].label, plain) for name in NUMBERS if name in plane.values and (plain := plane.quantity(name))
+    ]
     return [*((label(name, plane.unit), plane.numbers[name]) for name in names), *plain]
 
 
@@ -207,7 +209,7 @@ def parameters_words(parameters: Mapping[str, Any]) -> str:
     """Parameters as "s = 4, k = 17": of a session's many facts the short ones, and no more than fit on a page."""
     known = ((name, " ".join(map(str, one)) if isinstance(one, list | tuple) else str(one))
              for name, one in parameters.items() if one is not None and not isinstance(one, Mapping))  # fmt: skip
-    words = [f"{name} = {one}" for name, one in known if len(one) <= LONGEST]
+    words = [f"{name} = {one}" for name, one in known if 0 < len(one) <= LONGEST]
     rest = len(words) - MOST_PARAMETERS
     return ", ".join([*words[:MOST_PARAMETERS], *([f"and {rest} more, in result.json"] if rest > 0 else [])])
 

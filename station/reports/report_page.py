@@ -166,9 +166,6 @@ def _numbers(plane: PlaneResult) -> list[Block]:
     intervals = any(hasattr(one, "low") for _, one in numbers)
     rows = []
     for words, one in numbers:
-        if isinstance(one, int | float):
-            rows.append([words, f"{one:.3f}", "", *([""] if intervals else [])])
-            continue
         interval = [f"{one.low:.5g} to {one.high:.5g}".replace("-", "−") if hasattr(one, "low") else ""]
         rows.append([small(words, one.method), value_of(one), shown_unit(one), *(interval if intervals else [])])
     head = ["number", "value ± standard uncertainty", "unit", *(["95 % interval"] if intervals else [])]

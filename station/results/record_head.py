@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from procedures.outcome import Cause, Verdict, WithVerdict
+from procedures.outcome import BadInput, Cause, Verdict, WithVerdict
 from procedures.reading.arrays import checked_number
 
 
@@ -80,7 +80,11 @@ class PartBeside:
 
 
 def files_read(files: Sequence[ReadFile]) -> tuple[InputFile, ...]:
-    """Files as a record names them."""
+    """Files as a record names them. Raises BadInput for copies of one file, whose errors are not independent."""
+    first: dict[str, ReadFile] = {}
+    for file in files:
+        if file.sha256 and (other := first.setdefault(file.sha256, file)) is not file:
+            raise BadInput(f"photographs must differ; {file.path} has the content of {other.path}", "give it once")
     return tuple(InputFile(str(file.path), file.sha256) for file in files)
 
 

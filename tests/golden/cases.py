@@ -97,7 +97,9 @@ def geometry_shoot() -> GeometryPhotographs:
     """Six views of a known camera, their charts' points drawn by formulas, and an unusable photograph."""
     truth = TrueCamera(radial=(-0.12, 0.06, 0.0), thin_prism=(0.0, 0.0, 0.0, 0.0))
     taken = take(Shoot(truth, count=6, print_mm=0.02, bend_mm=0.2), np.random.default_rng(12))
-    good = [ViewRecord(Path(f"{view.source}.dng"), "0" * 64, view, Verdict.PASS) for view in taken.views]
+    good = [
+        ViewRecord(Path(f"{view.source}.dng"), f"{n:064}", view, Verdict.PASS) for n, view in enumerate(taken.views)
+    ]
     bad = ViewRecord(Path("dark.dng"), "1" * 64, None, Verdict.REFUSED, "the photograph is too dark", "expose longer")
     return GeometryPhotographs("G1", truth.size, (*good, bad))
 

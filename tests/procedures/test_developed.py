@@ -173,6 +173,25 @@ def test_truncated_pictures_are_refused(tmp_path, suffix):
         assert "\n" not in refused.value.reason
 
 
+@pytest.mark.parametrize("orientation", [1, 3, 6, 8])
+def test_a_heic_file_has_the_sensors_rows(tmp_path, orientation):
+    pytest.importorskip("pillow_heif", reason="pillow-heif is not installed").register_heif_opener()
+    tags = Image.Exif()
+    tags[271], tags[274] = "Bench", orientation
+    frames = [
+        read_developed(saved(scene()[:96], tmp_path / "a.heic", exif=exif.tobytes())) for exif in (Image.Exif(), tags)
+    ]
+    upright, turned = ([plane.samples for plane in frame.planes.values()] for frame in frames)
+    np.testing.assert_array_equal(turned, upright)
+    kept = Image.Exif()
+    kept.load(frames[1].development.exif)
+    assert (kept[271], kept[274]) == ("Bench", orientation)
+
+
+def test_a_tiff_of_coded_blocks_has_their_error(tmp_path):
+    assert read_developed(saved(scene(), tmp_path / "a.tiff", compression="jpeg")).development.coding > 0
+
+
 def test_a_text_is_no_picture(tmp_path):
     (tmp_path / "a.jpg").write_text("nothing")
     with pytest.raises(BadInput, match="no JPEG, WebP, HEIC, PNG, TIFF or RAW"):

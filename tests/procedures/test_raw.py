@@ -8,7 +8,7 @@ import pytest
 import rawpy
 
 from procedures import BadInput, BadParameter, DumpLayout
-from procedures.raw import default_plane, read_frame, read_planes
+from procedures.raw import default_plane, linear_colours, read_frame, read_planes
 
 WHITE = 16383
 BLACKS = np.array([[256, 257], [258, 259]])
@@ -181,6 +181,15 @@ def test_what_is_no_bayer_mosaic_is_refused_by_name(write_dng, cfa, tags, reason
         read_frame(write_dng(mosaic_of("RGGB"), cfa, tags))
 
 
+@pytest.mark.parametrize(
+    ("cfa", "tags"), [((0, 1, 2, 3), {50710: ("B", [3, 4, 5, 1])}), ((0, 0, 1, 1) * 4, {33421: ("H", [4, 4])})]
+)
+def test_a_mosaic_of_four_colours_or_4_x_4_pixels_is_not_demosaicked(write_dng, cfa, tags):
+    path = write_dng(mosaic_of("RGGB"), cfa, tags)
+    with pytest.raises(BadInput, match="must have three colours in 2 x 2 or 6 x 6"):
+        linear_colours(path.read_bytes(), "a.dng")
+
+
 def test_a_monochrome_dng_gives_every_pixel_as_y(write_dng):
     # black by position as the writer's (256..259), white 16383: what comes out is what went in
     truth = np.random.default_rng(0).integers(300, 16000, (40, 50)).astype(np.uint16)
@@ -222,8 +231,10 @@ def test_truncated_raw_without_a_known_layout_is_refused(shared_data, tmp_path):
         (b"II*\0" + bytes(range(256)) * 40, "must have the header of a RAW format"),
         (b"FUJIFILM" + bytes(range(256)) * 40, "is not a RAW file that LibRaw"),
         (bytes(range(256)) * 40, "must have the header of a RAW format"),
-        (b"\xff\xd8\xff\xe0" + bytes(100), "is a JPEG, which is not linear in light"),
-        (b"P6 2 2 255\n" + bytes(12), "three colours"),
+        (b"\xff\xd8\xff\xe0" + bytes(100), "of the format JPEG"),
+        (b"P6 2 2 255\n" + bytes(12), "of the format PPM"),
+        (b"\0\0\0\x20ftypavif" + bytes(100), "of the format AVIF"),
+        (b"\0\0\0\x20ftypheic" + bytes(100), "of the format HEIC"),
     ],
 )
 def test_what_is_no_photograph_is_refused_by_name(tmp_path, capfd, content, reason):

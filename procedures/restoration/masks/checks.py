@@ -18,6 +18,8 @@ SATURATED = 0.99
 MOST_SATURATED = 0.2
 DEFECT = 8.0
 """Standard deviations of the finest noise above which a single pixel is no noise."""
+LEAST_ALIKE = 0.5
+"""Correlation with a photograph turned by 180 degrees above which it is one: 0.9 of shaken and defocused scenes."""
 LARGEST_W = 40.0
 """Half-width in pixels; memory for masks grows as its third power."""
 
@@ -31,7 +33,7 @@ def as_channels(photographs: Sequence[object]) -> list[Array]:
 
 def check_photographs(photographs: list[Array]) -> Array:
     """The photographs as one array, without hot and dead pixels. Raises BadInput for fewer than two, other sizes, two
-    identical, or non-finite numbers."""
+    identical or turned by 180 degrees, or non-finite numbers."""
     if len(photographs) < 2:
         raise BadInput(f"restoration needs two photographs or more, got {len(photographs)}", "take another photograph")
     for n, one in enumerate(photographs, 1):
@@ -42,13 +44,30 @@ def check_photographs(photographs: list[Array]) -> Array:
         raise BadInput(f"photographs must have as many colours, got {channels}", "give all in grey or all in colour")
     if len(set(shapes)) > 1:
         sizes = ", ".join(f"{s[-1]} x {s[-2]}" for s in shapes)
-        raise BadInput(f"photographs must be of one size, got {sizes}", "crop photographs of one camera equally")
+        turned = len({frozenset(s[-2:]) for s in shapes}) == 1
+        remedy = "turn them to one orientation" if turned else "crop photographs of one camera equally"
+        raise BadInput(f"photographs must be of one size, got {sizes}", remedy)
     for a, b in combinations(range(len(photographs)), 2):
         if np.array_equal(photographs[a], photographs[b]):
             raise BadInput(
                 f"photographs {a + 1} and {b + 1} are identical", "give two exposures with different motion or aperture"
             )
+    for n, one in enumerate(photographs[1:], 2):
+        if _is_turned(photographs[0], one):
+            raise BadInput(f"photograph {n} is turned by 180 degrees from photograph 1", "turn it back")
     return without_defects(np.stack(photographs))
+
+
+def _is_turned(a: Array, b: Array) -> bool:
+    """Whether a photograph correlates with another turned by 180 degrees, and not as it is."""
+    spectra = []
+    for photograph in (a, b):
+        small = cv2.resize(photograph.mean(axis=0), (256, 256), interpolation=cv2.INTER_AREA)
+        detail = (cv2.GaussianBlur(small, (0, 0), 1) - cv2.GaussianBlur(small, (0, 0), 16)) * np.hanning(256)
+        detail *= np.hanning(256)[:, None]
+        spectra.append(np.fft.rfft2(detail / max(float(np.linalg.norm(detail)), 1e-12)))
+    turned, upright = (float(np.fft.irfft2(spectra[0] * other).max()) for other in (spectra[1], spectra[1].conj()))
+    return turned > max(LEAST_ALIKE, 2 * upright)
 
 
 def without_defects(z: Array) -> Array:

@@ -49,7 +49,7 @@ def unknown_of(developments: Sequence[Development]) -> tuple[str, str] | None:
     """Unknown parts of the pictures' development, with the remedy; None where all of it is stated."""
     if any(development.format == RAW for development in developments):
         return "the photographs have no 2 x 2 mosaic: they were demosaicked, which is part of their blur", _BAYER
-    lossy = any(development.format in LOSSY for development in developments)
+    lossy = any(development.coding for development in developments)
     if not lossy and not any(development.assumed for development in developments):
         return None
     curves = " and ".join(dict.fromkeys(_words(development) for development in developments))

@@ -121,7 +121,18 @@ def plan_names(ctx: click.Context) -> Iterable[str]:
 
 UNITS = click.Choice(["cycles/pixel", "lp/mm", "lw/ph"], case_sensitive=False)
 SEED = click.IntRange(0, 2**63 - 1)
-PATH = click.Path(path_type=Path)
+
+
+class NamedPath(click.Path):
+    """A path; an empty one, as of a shell variable that is not set, would be the current folder."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if value == "":
+            self.fail("a path must not be empty.", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+PATH = NamedPath(path_type=Path)
 
 
 def columns(rows: Sequence[Sequence[str]]) -> str:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
+from procedures.raw import read_photograph
 from station.common.progress import Progress
 from station.procedure.base import Encoding, Inputs, Procedure, RawLayout, read_picture, setting, to_record
 from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
-from station.results.record_head import RecordHead, files_read
+from station.results.record_head import InputFile, RecordHead, files_read
 
 if TYPE_CHECKING:
     from procedures.correction.estimate import CorrectionParameters
@@ -111,7 +113,8 @@ class Correct(Procedure[CorrectSettings]):
         }
         given = {name: one for name, one in given.items() if (name, one) not in _USUAL}
         value = results.outcome.value
-        head = RecordHead(self.name, files_read((results.frame, *results.others)), given)
+        through = InputFile(str(field), hashlib.sha256(read_photograph(field)).hexdigest())
+        head = RecordHead(self.name, (*files_read((results.frame, *results.others)), through), given)
         plane = PlaneResult.of_outcome(
             "picture", results.outcome, values={} if value is None else correction_numbers(value), pitch=0
         )

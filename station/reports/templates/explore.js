@@ -74,7 +74,7 @@ function build() {
   parts.table = make("div", { class: "scroll gap" });
   root.append(make("h2", {}, "Explore"), make("p", { class: "note" },
     data.planes.some(one => one.spots.length) ? "Point at a place of the frame, or move to it with the tabulator key." :
-    "Point at a frequency, move the limit, choose a unit."), box,
+    frequencies() ? "Point at a frequency, move the limit, choose a unit." : "Move the limit."), box,
     make("div", { class: "two gap" }, frame, psf, mtf, limit), parts.table);
   root.hidden = false;
   controls.number.value = (numbers().find(one => one.name.startsWith("mtf50")) ?? number()).label;

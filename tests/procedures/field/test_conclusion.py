@@ -107,13 +107,13 @@ def test_no_nodes_are_refused_with_the_first_reason():
         conclude(empty)
 
 
-def test_a_photograph_of_another_size_is_named(monkeypatch, tmp_path):
-    sizes = {"a.dng": (20, 30), "b.dng": (20, 40), "c.dng": (20, 30)}
+def test_a_photograph_of_another_size_and_a_copy_are_named(monkeypatch, tmp_path):
+    sizes = {"a.dng": (20, 30), "b.dng": (20, 40), "c.dng": (20, 30), "copy.dng": (20, 30)}
     psf = Psf(gaussian(0.5), S, COVARIANCE)
 
     def read(path, names, layout=None, data=None):
         plane = Plane("Y", np.zeros(sizes[path.name], dtype=np.float32), 1.0)
-        return RawFrame(path, "0" * 64, {"Y": plane}, Exposure())
+        return RawFrame(path, path.name.replace("copy", "a"), {"Y": plane}, Exposure())
 
     def nodes(frame, chart, parameters, each, sensors):
         node = Node(np.zeros(2), np.eye(2), np.zeros(2), psf, frame.path.name, 1)
@@ -125,7 +125,8 @@ def test_a_photograph_of_another_size_is_named(monkeypatch, tmp_path):
     result = measuring.measure(
         [tmp_path / name for name in sizes], None, None, None, finished.append, content=lambda path: b""
     )
-    assert result.failed == ["b.dng"]
+    assert result.failed == ["b.dng", "copy.dng"]
     assert "has not the planes and sizes of a.dng" in result.misses[0].reason
+    assert "copy.dng has the content of a.dng" in result.misses[1].reason
     assert finished == [f"read {name}" for name in sizes]
     assert [node.source for node in result.nodes["Y"]] == ["a.dng", "c.dng"]

@@ -1,3 +1,4 @@
+import io
 import struct
 
 import cv2
@@ -6,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from PIL import Image
 
 from procedures import BadInput, read_frame
 from procedures.reading.grey_image import read_pgm
@@ -21,9 +23,27 @@ def encoded(suffix, image, flags=()):
     return cv2.imencode(suffix, image, list(flags))[1].tobytes()
 
 
-def tiff_without_samples(photometric, bits=8):
+def pages(*sizes):
+    """A TIFF of several pages."""
+    file = io.BytesIO()
+    first, *more = (Image.new("L", size[::-1]) for size in sizes)
+    first.save(file, "TIFF", save_all=True, append_images=more)
+    return file.getvalue()
+
+
+def tiff_without_samples(photometric, bits=8, compression=1):
     """A TIFF directory alone, which is refused before any sample is read."""
-    tags = ((256, 20), (257, 12), (258, bits), (259, 1), (262, photometric), (273, 8), (277, 1), (278, 12), (279, 240))
+    tags = (
+        (256, 20),
+        (257, 12),
+        (258, bits),
+        (259, compression),
+        (262, photometric),
+        (273, 8),
+        (277, 1),
+        (278, 12),
+        (279, 240),
+    )
     entries = b"".join(
         np.array([code, 3], "<u2").tobytes() + np.array([1, value], "<u4").tobytes() for code, value in tags
     )
@@ -99,11 +119,14 @@ def test_slanted_edge_sample_is_read(shared_data):
         ("cut.png", encoded(".png", LEVELS)[:-40], "no end chunk"),
         ("cut.png", encoded(".png", LEVELS)[:20], "truncated: 20 bytes"),
         ("colour.tif", encoded(".tif", np.zeros((4, 4, 3), np.uint8)), "3 channels"),
-        ("real.tif", encoded(".tif", np.zeros((4, 4), np.float32)), "has 32"),
+        ("real.tif", encoded(".tif", np.zeros((4, 4), np.float32)), "has floating-point"),
         ("cut.tif", encoded(".tif", LEVELS)[:40], "cannot be decoded completely"),
         ("none.tif", b"II*\0" + bytes(50), "cannot be decoded completely"),
         ("inverted.tif", tiff_without_samples(0), "with white as 0"),
         ("deep.tif", tiff_without_samples(1, 12), "8 or 16 bits; .* has 12"),
+        ("coded.tif", tiff_without_samples(1, compression=50000), "compression 50000, in strips"),
+        ("stack.tif", pages((12, 20), (12, 20)), "largest of 2; a later one"),
+        ("thumbnail.tif", pages((3, 5), (12, 20)), "largest of 2; a later one"),
     ],
 )
 def test_what_is_no_grey_plane_is_refused_by_name(tmp_path, capfd, name, content, reason):

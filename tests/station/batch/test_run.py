@@ -22,13 +22,15 @@ from click.exceptions import Exit
 from click.testing import CliRunner
 
 from procedures import BadParameter, read_frame
+from procedures.outcome import Verdict
 from station.__main__ import main
-from station.batch.item import ItemRow, Job, finished, kept_row, work
+from station.batch.item import ItemRow, Job, _judged, finished, kept_row, work
 from station.batch.procedure_file import read_procedure
 from station.batch.run import owned, run_batch
 from station.batch.stored_rows import _against
 from station.calibration.folder_photographs import Item, find_frames, singly
 from station.cli.batch import _stopped
+from station.results.plane_result import PlaneResult
 from tests.program import run
 
 from .test_registry import here
@@ -46,6 +48,11 @@ def spoil(folder, chart_photograph):
     (folder / "empty.dng").touch()
     (folder / "text.dng").write_text("no photograph")
     chart_photograph(folder / "dark.dng", exposure_s=1e-6)
+
+
+def test_a_frequency_beyond_the_range_is_named_in_the_row():
+    plane = PlaneResult("Y", Verdict.PASS, unavailable=("no MTF at 9 cycles/pixel",))
+    assert _judged(ItemRow(["a.dng"], "pass"), [plane]).against == "Y: no MTF at 9 cycles/pixel"
 
 
 def rows_of(out):

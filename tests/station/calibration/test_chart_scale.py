@@ -55,7 +55,7 @@ def test_ruler_and_chart_expand_by_the_record_of_a_certificate(file):
 
 def test_a_script_of_ten_lines_reads_camera_numbers_budget_and_scale(file, tmp_path, monkeypatch, capsys):
     taken = take(Shoot(TrueCamera(thin_prism=(0.0,) * 4), count=6, every=4), np.random.default_rng(12))
-    records = tuple(ViewRecord(Path(view.source), "0" * 64, view, Verdict.PASS) for view in taken.views)
+    records = tuple(ViewRecord(Path(view.source), f"{n:064}", view, Verdict.PASS) for n, view in enumerate(taken.views))
     monkeypatch.setattr("procedures.geometry.estimate.chart_nodes", lambda cell_mm: taken.nodes)
     planes = conclude([GeometryPhotographs("Y", (6000, 4000), records)], GeometryParameters(CELL_MM))
     head = RecordHead("geometry", files_read(records), {})

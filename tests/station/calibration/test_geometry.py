@@ -41,7 +41,9 @@ TRUTH = TrueCamera(radial=(-0.12, 0.06, 0.0), thin_prism=(0.0, 0.0, 0.0, 0.0))
 @pytest.fixture(scope="module")
 def shoot() -> GeometryPhotographs:
     taken = take(Photographed(TRUTH, count=6, print_mm=0.02, bend_mm=0.2), np.random.default_rng(12))
-    good = [ViewRecord(Path(f"{view.source}.dng"), "0" * 64, view, Verdict.PASS) for view in taken.views]
+    good = [
+        ViewRecord(Path(f"{view.source}.dng"), f"{n:064}", view, Verdict.PASS) for n, view in enumerate(taken.views)
+    ]
     bad = ViewRecord(Path("dark.dng"), "1" * 64, None, Verdict.REFUSED, "the photograph is too dark", "expose longer")
     return GeometryPhotographs("G1", TRUTH.size, (*good, bad))
 
@@ -279,8 +281,8 @@ def measured(monkeypatch, tmp_path):
 
     monkeypatch.setattr("station.calibration.geometry.views_of", seen)
     monkeypatch.setattr("station.calibration.geometry._size", lambda frame: TRUTH.size)
-    for name in views:
-        (tmp_path / name).write_bytes(b"P5\n4 4\n255\n" + bytes(16))
+    for n, name in enumerate(views):
+        (tmp_path / name).write_bytes(b"P5\n4 4\n255\n" + bytes([n] * 16))
     return [str(tmp_path / name) for name in views]
 
 

@@ -1,5 +1,6 @@
 import io
 import json
+import shutil
 from dataclasses import replace
 from functools import partial
 
@@ -8,14 +9,14 @@ import exifread
 import numpy as np
 import pytest
 import rawpy
-from PIL import Image
+from PIL import Image, ImageCms
 
 from drivers.dng import Shot, write_dng
 from procedures.correction.checks import check_exposure
 from procedures.field.field_file import add_lights, read_camera, write_field
 from procedures.field.interpolate import interpolate
 from procedures.outcome import Refused
-from procedures.reading.development import named_curve
+from procedures.reading.development import curve_of_profile, named_curve
 from procedures.reading.exposure import Exposure
 from procedures.vignetting.surface import LightSurface
 from station.calibration.correction import TypedAperture, unknown_with_typed
@@ -99,13 +100,17 @@ def test_a_developed_picture_keeps_orientation_and_metadata(files, tmp_path, suf
     levels = np.stack([255 * named_curve("srgb").encoded(seen.light[plane]) for plane in ("R", "G1", "B")], axis=-1)
     exif = Image.Exif()
     exif[271], exif[274], exif[33432] = "Bench", 6, "by the Bench"
-    Image.fromarray(np.rint(levels).astype(np.uint8)).save(tmp_path / f"a{suffix}", exif=exif)
+    profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+    Image.fromarray(np.rint(levels).astype(np.uint8)).save(tmp_path / f"a{suffix}", exif=exif, icc_profile=profile)
     out = tmp_path / "out"
     correct(tmp_path / f"a{suffix}", "--field", folder / "field.h5", "--insist", *FEW, "--no-report", "--out", out)
     for path in (out / "corrected.tiff", out / f"picture{suffix}"):
         with Image.open(path) as picture:
             kept = picture.getexif()
             assert (kept[271], kept[274], kept[33432]) == ("Bench", 6, "by the Bench"), path
+            middle = curve_of_profile(picture.info["icc_profile"]).decoded([0.5])
+            expected = 0.5 if path.stem == "corrected" else named_curve("srgb").decoded([0.5])
+            assert middle == pytest.approx(expected, abs=1e-3)
 
 
 @pytest.fixture(scope="module")
@@ -152,7 +157,11 @@ def test_vignetting_stored_in_the_field_is_corrected(files, done, tmp_path):
 
 
 def test_a_grey_photograph_whose_camera_is_not_known_is_doubtful(files, tmp_path):
-    correct(files[0] / "photo.tiff", "--field", files[0] / "grey.h5", "--out", tmp_path)
+    correct(files[0] / "photo.tiff", "--field", files[0] / "grey.h5", "--certificate", "--out", tmp_path)
+    page = (tmp_path / "report.html").read_text()
+    assert "Before: the photograph." in page
+    assert '<td class="unit"><span data-unit>cycles/pixel</span></td>' in page
+    assert "expanded uncertainty" not in (tmp_path / "certificate.html").read_text()  # no number has one
     record = json.loads((tmp_path / "result.json").read_text())
     assert record["verdict"] == "doubtful"
     assert "does not name its camera" in record["reason"]
@@ -160,6 +169,16 @@ def test_a_grey_photograph_whose_camera_is_not_known_is_doubtful(files, tmp_path
     np.testing.assert_allclose(cv2.imread(str(tmp_path / "corrected.tiff"), cv2.IMREAD_UNCHANGED) / 65535, picture[0])
     plain = files[2]
     assert plain.psnr(picture) > plain.psnr(plain.frame.planes["Y"].samples[None]) + 2
+
+
+def test_the_certificate_of_a_picture_is_verified_with_its_field(files, tmp_path):
+    shutil.copy(files[0] / "grey.h5", tmp_path)
+    words = "--field", tmp_path / "grey.h5", *FEW, "--no-report", "--certificate", "--out", tmp_path / "out"
+    correct(files[0] / "photo.tiff", *words)
+    certificate = tmp_path / "out" / "certificate.html"
+    assert "numbers: ok, 4 of 4 computed again and equal" in run("verify", certificate).output
+    (tmp_path / "grey.h5").write_bytes(b"another")
+    run("verify", certificate, code=4, says=f"changed or missing: {tmp_path / 'grey.h5'}")
 
 
 def test_a_result_into_the_folder_of_its_photograph_does_not_replace_it(files, done, tmp_path):

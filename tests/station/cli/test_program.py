@@ -86,3 +86,4 @@ def test_a_missing_chart_and_wrong_cells_are_exit_5(shared_data, tmp_path, photo
 def test_unknown_commands_and_a_shaker_without_a_bench_are_usage_errors():
     run("--shaker", "--plain", code=2, says="--shaker is for the simulated bench: give --simulate")
     run("conjure", code=2)
+    run("explain", "", code=2, says="a path must not be empty")

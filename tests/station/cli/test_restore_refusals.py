@@ -20,6 +20,8 @@ def folder(shared_data, tmp_path_factory):
     images = {
         "first": whole[0][corner],
         "second": whole[1][corner],
+        "upright": np.rot90(whole[1][corner]),
+        "overhead": np.rot90(whole[1][corner], 2),
         "smaller": whole[1][100:190, 180:300],
         "far": whole[1][100:200, 150:270],
         "near": whole[1][100:200, 188:308],
@@ -49,6 +51,8 @@ def refuse(folder, tmp_path, arguments, code, *says):
     [
         ("first", "smaller", 4, "of one size, got 120 x 100, 120 x 90", "crop photographs"),
         ("first", "first", 4, "1 and 2 are identical", "different motion or aperture"),
+        ("first", "upright", 4, "of one size, got 120 x 100, 100 x 120", "to one orientation"),
+        ("first", "overhead", 4, "photograph 2 is turned by 180 degrees", "turn it back"),
         ("first", "far", 5, "shifted by (29, 1) pixels, more than the masks' 6", "register the photographs"),
         ("first", "near", 5, "shifted by (-8, 0) pixels, more than the masks' 6", "register the photographs"),
         ("first", "white", 5, "63% of a photograph is saturated; at most 20%", "expose less"),

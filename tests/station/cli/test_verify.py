@@ -6,6 +6,8 @@ import subprocess
 
 import pytest
 
+from station.reports.certificate import record_digest
+from station.reports.certificate_details import statement_of
 from tests.program import run
 
 from ...golden.cases import chart_photograph
@@ -60,12 +62,23 @@ def test_an_edited_copy_under_another_name_is_found(copy):
     assert checks(run("verify", page, "--json", code=4))["files of the result"] is False
 
 
-def test_the_text_of_an_unsigned_certificate_of_a_session_is_reported_as_not_compared(copy, tmp_path):
+def test_the_text_of_an_unsigned_certificate_of_a_session_is_compared_with_its_statement(copy, tmp_path):
     session = tmp_path / "session"
     shutil.copytree(copy / "out", session / "derived" / "1")
-    shutil.copy(copy / "out" / "certificate.html", session)
-    found = checks(run("verify", session / "certificate.html", "--json", code=4))  # it has no journal
-    assert (found["record"], found["certificate"]) == (True, None)
+    page = session / "certificate.html"
+    shutil.copy(copy / "out" / page.name, page)
+
+    def certificate() -> bool | None:
+        found = checks(run("verify", page, "--json", code=4))  # it has no journal
+        assert found["record"]
+        return found["certificate"]
+
+    assert certificate() is None
+    digest = record_digest(json.loads((copy / "out" / "result.json").read_text()))
+    (session / "certificate.sha256").write_bytes(statement_of({page.name: page.read_bytes()}, {"record": digest}))
+    assert certificate() is True
+    page.write_text(page.read_text().replace("0.57", "0.67", 1))
+    assert certificate() is False
 
 
 def signature_of(out, *words):
@@ -105,7 +118,11 @@ def test_originals_are_found_elsewhere_by_their_hash(copy, measured, tmp_path):
         done = run("verify", copy / "out" / "certificate.pdf", "--json", code=4)
         assert checks(done)["originals"] is False
         done = run("verify", copy / "out" / "certificate.pdf", "--originals", hidden, "--json")
+        original.symlink_to(hidden / "photo.dng")
+        (tmp_path / "link").symlink_to(copy / "out" / "certificate.html")
+        assert checks(run("verify", tmp_path / "link", "--json"))["originals"] is True
     finally:
+        original.unlink(missing_ok=True)
         shutil.move(hidden / "photo.dng", original)
     assert record["arguments"] == [str(original)]
 
