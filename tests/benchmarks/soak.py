@@ -47,7 +47,7 @@ from station.guide.run import Run
 from station.guide.scripted import ScriptedOperator
 from station.guide.vibration import SettlingTimeouts
 from station.sessions.session import Session
-from tests.benchmarks import options
+from tests.benchmarks import options, processor_s
 from tests.conformance.grbl_firmware import FirmwareInSimavr
 
 PHOTOGRAPHS = 3
@@ -344,25 +344,19 @@ def soak_seed(seed: int, operations: int, firmware: tuple[str, str] | None = Non
         return soak.counts
 
 
-def _processor_s() -> float:
-    """Processor time of this process and of the emulators that have ended."""
-    times = os.times()
-    return times.user + times.system + times.children_user + times.children_system
-
-
 def main() -> int:
     """Soak each seed; print its counts."""
     given = options(__doc__, seeds=4, first=0, operations=500, firmware="", box="")
     firmware = (given.firmware, given.box) if given.firmware else None
     wrong = 0
     for seed in range(given.first, given.first + given.seeds):
-        start_s, begin_s = _processor_s(), time.monotonic()
+        start_s, begin_s = processor_s(), time.monotonic()
         try:
             counts = soak_seed(seed, given.operations, firmware)
             words_of_it = ", ".join(f"{count} {name}" for name, count in sorted(counts.items()))
         except Broken as broken:
             wrong, words_of_it = wrong + 1, f"BROKEN: {broken}"
-        spent = f"{_processor_s() - start_s:.0f} s of processor, {time.monotonic() - begin_s:.0f} s"
+        spent = f"{processor_s() - start_s:.0f} s of processor, {time.monotonic() - begin_s:.0f} s"
         print(f"seed {seed}: {given.operations} operations, {spent}; {words_of_it}", flush=True)
     return int(wrong > 0)
 

@@ -90,6 +90,10 @@ class FaultyDisk(Disk):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         if self.how == "after":
             action()
+        return self.cut()
+
+    def cut(self) -> None:
+        """The last that happens."""
         raise PowerCut
 
     def lose(self) -> None:
