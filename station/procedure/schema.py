@@ -65,7 +65,9 @@ def _definitions() -> dict[str, Any]:
     judged = {"enum": [*(str(one) for one in Compliance), None]}
     bounds = {"min": NUMBER_OR_NULL, "max": NUMBER_OR_NULL}
     limit = {"type": "object", "required": ["number", *bounds],
-             "properties": {"number": text, **bounds, "verdict": judged}}  # fmt: skip
+             "properties": {"number": text, **bounds, "verdict": judged, "coverage": {"type": "number"},
+                            "at": {"type": "number"}, "place": {"type": "string"}, "unit": text,
+                            "planes": {"type": "array", "items": text}}}  # fmt: skip
     reading = {"type": "object", "required": ["value", "unit", "uncertainty", "min", "max", "n"],
                "properties": {"value": NUMBER_OR_NULL, "unit": text, "uncertainty": NUMBER_OR_NULL}}  # fmt: skip
     return {
