@@ -12,13 +12,12 @@ import numpy as np
 
 from drivers.dng import Shot, write_dng
 from procedures import Chart, GeometryParameters, Outcome, Verdict, write_field
-from procedures.tilt.estimate import Tilt
-from procedures.tilt.plane import Screws, fit_plane, turns_for
 from simulators.bench.demonstration import EXPOSURE_S, ISO, Staging, stage
 from simulators.camera.sensor import Sensor
 from station.calibration.geometry import GeometryPhotographs, ViewRecord, conclude
 from station.calibration.geometry_files import geometry_measurement
 from station.calibration.tilt import tilt_measurement
+from station.demo.small_inputs import defocused, six_charts, tilted_sensor
 from station.procedure.builtin.geometry import CameraGeometry
 from station.procedure.schema import procedure_named
 from station.results.measurement import write_measurement
@@ -31,7 +30,7 @@ from tests.procedures.correction.small_lens import grey as grey_photograph
 from tests.procedures.geometry.simulated_views import CELL_MM, Shoot, TrueCamera, take
 from tests.procedures.two_photo.wall import gaussian, photographs
 from tests.station.cli.test_rig import write as write_rig_cameras
-from tests.station.manual.conftest import defocused, edge_levels, render_samples, six_charts
+from tests.station.manual.conftest import edge_levels, render_samples
 
 Words = Sequence[object]
 OUT = "out"
@@ -83,7 +82,7 @@ def two_photo(folder: Path) -> Words:
 def field(folder: Path) -> Words:
     """Six charts in one frame."""
     (folder / "frames").mkdir()
-    cv2.imwrite(str(folder / "frames" / "charts.pgm"), six_charts())
+    save(folder / "frames" / "charts.pgm", six_charts())
     return "psf", "field", folder / "frames", "--certificate"
 
 
@@ -143,18 +142,9 @@ def sensor(folder: Path) -> Words:
     return "sensor", folder / "shoot", "--plane", "G1"
 
 
-def known_tilt() -> Tilt:
-    """A plane and a curvature of known numbers, and the screws that lay it level."""
-    places = np.array([(x, y) for y in (-10.0, 0.0, 10.0) for x in (-15.0, 0.0, 15.0)])
-    x, y = places.T
-    plane = fit_plane(places, 2 + 1.5 * x - 0.5 * y + 0.02 * x**2, np.eye(9), (36.0, 24.0))
-    screws = Screws(first_deg=30.0)
-    return Tilt(plane, np.zeros(9), screws, turns_for(plane, screws, with_focus=True), True)
-
-
 def tilt(folder: Path) -> None:
     """The known tilt."""
-    found = Outcome(known_tilt())
+    found = Outcome(tilted_sensor())
     with ResultFolder(folder / OUT) as results:
         measured = tilt_measurement(RecordHead("tilt"), "G1", found)
         results.write("report.html", procedure_named("tilt").page(measured))
@@ -190,7 +180,7 @@ def rays(folder: Path) -> Words:
 def restoration(folder: Path) -> Words:
     """A wall of one depth, out of focus twice."""
     for number, sigma in ((1, 1.0), (2, 1.5)):
-        cv2.imwrite(str(folder / f"blurred_{number}.pgm"), defocused(sigma))
+        save(folder / f"blurred_{number}.pgm", defocused(sigma))
     words = "--blur", "defocus", "--shape", "gaussian", "--ratio", 1.5, "--max-w", 6
     return "restore", folder / "blurred_1.pgm", folder / "blurred_2.pgm", *words
 

@@ -17,6 +17,7 @@ from procedures.field.maps import derive
 from procedures.outcome import Outcome
 from station.calibration import geometry as geometry_module
 from station.calibration import tilt as tilt_module
+from station.demo.small_inputs import tilted_sensor
 from station.procedure.base import Settings
 from station.procedure.schema import BUILTIN, procedure_named, schema_of
 from tests.golden import cases
@@ -67,7 +68,7 @@ def tilt(folder: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     photographs(folder)
     (folder / "focus.csv").write_text("0.png,0\n1.png,0.1\n2.png,0.2\n")
     monkeypatch.setattr(measuring, "measure", lambda *given: SimpleNamespace(frames=[], misses=[]))
-    monkeypatch.setattr(tilt_module, "measure_tilt", lambda *given: Outcome(cases.known_tilt()))
+    monkeypatch.setattr(tilt_module, "measure_tilt", lambda *given: Outcome(tilted_sensor()))
     monkeypatch.setattr(tilt_module, "known_optics", lambda *given: (4.0, 50.0))
     monkeypatch.setattr(tilt_module, "check_known", lambda *given: None)
     return '[settings]\nfocus = "focus.csv"\nscrew_radius_mm = 30\nscrew_pitch_mm = 0.5\n'
