@@ -32,7 +32,6 @@ from typing import Any
 
 import numpy as np
 
-from drivers.dng import Shot, write_dng
 from drivers.errors import DeviceError
 from procedures.outcome import Outcome, Verdict
 from procedures.plan import Advice, Go, Home, Plan, Shoot, Step
@@ -49,6 +48,7 @@ from station.guide.vibration import SettlingTimeouts
 from station.sessions.session import Session
 from tests.benchmarks import options, processor_s
 from tests.conformance.grbl_firmware import FirmwareInSimavr
+from tests.station.guide.benches import frame_bytes
 
 PHOTOGRAPHS = 3
 LINE_FAULTS = (*FAULTS, "clogged")
@@ -285,19 +285,10 @@ def _fail_at(operator: ScriptedOperator, count: int, event: object) -> None:
         raise FrontEndFailed
 
 
-def _picture(folder: Path) -> bytes:
-    path = folder / "picture.dng"
-    mosaic = np.random.default_rng(0).integers(600, 9000, (64, 96)).astype(np.uint16)
-    write_dng(path, mosaic, Shot(exposure_s=0.02, iso=100, f_number=5.6), cfa="RGGB", black=(512,) * 4, white=16383)
-    data = path.read_bytes()
-    path.unlink()
-    return data
-
-
 @contextmanager
 def soaked(folder: Path, seed: int, firmware: FirmwareInSimavr | None = None) -> Iterator[Soak]:
     """A bench of stage, shutter box and camera in virtual time."""
-    incoming, picture = folder / "incoming", _picture(folder)
+    incoming, picture = folder / "incoming", frame_bytes(0)
     incoming.mkdir()
     soak: Soak
     world = SimulatedBench(incoming, Setup(seed, virtual_time=True, develop=lambda one: soak.develop(picture, one)))

@@ -116,30 +116,32 @@ def rig(folder: Path) -> Words:
     return "rig", *write_rig_cameras(folder)
 
 
-def sensor(folder: Path) -> Words:
-    """A ladder of light, a dark and a flat stack as RAW files."""
-    simulated, rng = (
-        Sensor(rows=64, columns=80, prnu=0.01, read_noise_e=12.0, gain_e_per_dn=2.6),
-        np.random.default_rng(4),
-    )
-    times_s = np.linspace(0.003, 0.141, 16)
+def shoot_sensor(folder: Path, simulated: Sensor, levels: int, stack: int) -> Path:
+    """A ladder of light, a dark and a flat stack as RAW files; full well, and 14 bits, are reached at 0.07 s."""
+    rng, times_s = np.random.default_rng(4), np.linspace(0.003, 0.141, levels)
 
     def shoot(kind: str, name: str, exposure_s: float) -> None:
-        (folder / "shoot" / kind).mkdir(parents=True, exist_ok=True)
-        light = np.full((64, 80), float(kind == "light"))
+        (folder / kind).mkdir(parents=True, exist_ok=True)
+        light = np.full((simulated.rows, simulated.columns), float(kind == "light"))
         mosaic = simulated.expose(light, 40000 / 0.07 * exposure_s, rng)
-        path = folder / "shoot" / kind / f"{name}.dng"
+        path = folder / kind / f"{name}.dng"
         write_dng(path, mosaic, Shot(exposure_s=exposure_s), cfa="RGGB", black=(512,) * 4, white=16383)
 
     for at, exposure_s in enumerate(times_s):
         for which in "ab":
             shoot("light", f"{at:02d}{which}", float(exposure_s))
-    for n in range(16):
+    for n in range(stack):
         shoot("light", f"flat{n:02d}", float(times_s[6]))
         shoot("dark", f"dark{n:02d}", float(times_s[6]))
     for n in range(2):
         shoot("dark", f"short{n}", float(times_s[0]))
-    return "sensor", folder / "shoot", "--plane", "G1"
+    return folder
+
+
+def sensor(folder: Path) -> Words:
+    """The ladder and stacks of a sensor."""
+    simulated = Sensor(rows=64, columns=80, prnu=0.01, read_noise_e=12.0, gain_e_per_dn=2.6)
+    return "sensor", shoot_sensor(folder / "shoot", simulated, 16, 16), "--plane", "G1"
 
 
 def tilt(folder: Path) -> None:
