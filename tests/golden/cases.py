@@ -34,6 +34,7 @@ from tests.station.manual.conftest import edge_levels, render_samples
 
 Words = Sequence[object]
 OUT = "out"
+TRUE_CAMERA = TrueCamera(radial=(-0.12, 0.06, 0.0), thin_prism=(0.0, 0.0, 0.0, 0.0))
 
 
 def chart_photograph(path: Path, seed: int) -> Path:
@@ -94,11 +95,10 @@ def edge(folder: Path) -> Words:
 
 def geometry_shoot() -> GeometryPhotographs:
     """Six views of a known camera, their charts' points drawn by formulas, and an unusable photograph."""
-    truth = TrueCamera(radial=(-0.12, 0.06, 0.0), thin_prism=(0.0, 0.0, 0.0, 0.0))
-    taken = take(Shoot(truth, count=6, print_mm=0.02, bend_mm=0.2), np.random.default_rng(12))
+    taken = take(Shoot(TRUE_CAMERA, count=6, print_mm=0.02, bend_mm=0.2), np.random.default_rng(12))
     good = [ViewRecord(Path(f"{view.source}.dng"), "0" * 64, view, Verdict.PASS) for view in taken.views]
     bad = ViewRecord(Path("dark.dng"), "1" * 64, None, Verdict.REFUSED, "the photograph is too dark", "expose longer")
-    return GeometryPhotographs("G1", truth.size, (*good, bad))
+    return GeometryPhotographs("G1", TRUE_CAMERA.size, (*good, bad))
 
 
 def geometry(folder: Path) -> None:
