@@ -4,7 +4,6 @@ import json
 import shutil
 from collections.abc import Callable
 from functools import partial
-from importlib.resources import files
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,6 +14,7 @@ import pytest
 from procedures.field import conclusion, measuring
 from procedures.field.maps import derive
 from procedures.outcome import Outcome
+from station.batch.run import batch_schema
 from station.calibration import geometry as geometry_module
 from station.calibration import tilt as tilt_module
 from station.demo.small_inputs import tilted_sensor
@@ -26,7 +26,6 @@ from tests.station.cli.test_refocus import write_restored
 from tests.station.cli.test_stability import write_results
 
 pytestmark = pytest.mark.slow
-BATCH = json.loads(files("station.results").joinpath("schemas", "batch.schema.json").read_text(encoding="utf-8"))
 SAMPLES = "parameters = { s = 3, k = 13 }\n"
 PLANE = f'planes = ["G1"]\n{SAMPLES}'
 
@@ -143,7 +142,7 @@ def test_a_batch_measures_compares_records_draws_and_certifies(name, tmp_path, m
     words = ("batch", photographs, "--procedure", tmp_path / "p.toml", "--out", tmp_path / "out", "--reports", "--json")
     done = run(*words)
     batch = json.loads(done.stdout)
-    jsonschema.validate(batch, BATCH, jsonschema.Draft202012Validator)
+    jsonschema.validate(batch, batch_schema(), jsonschema.Draft202012Validator)
     assert (batch["procedure"], batch["photographs"], batch["specification_verdicts"]) == (name, 1, {"meets": 1})
     (folder,) = (tmp_path / "out" / "results").iterdir()
     record = json.loads((folder / "result.json").read_text(encoding="utf-8"))
