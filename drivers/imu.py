@@ -330,7 +330,7 @@ class StrigImu(BoxDevice):
 class CableOptions(LineOptions):
     """Options of a unit on a cable of its own: the measured delay of its samples; by default round trips bound it."""
 
-    latency_s: Annotated[float | None, option("0.012", least=0)] = None
+    latency_s: Annotated[float, option("0.012", least=0)] | None = None
     latency_within_s: Annotated[float, option("0.001", least=0)] = 1e-3
 
     @property

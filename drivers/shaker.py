@@ -33,7 +33,7 @@ class ShakerAxis:
     channel: Literal[0, 1]
     stroke: Annotated[float, positive("2.0")]
     direction: Literal[1, -1] = 1
-    frequency_hz: Annotated[float | None, positive("80")] = None
+    frequency_hz: Annotated[float, positive("80")] | None = None
     damping: Annotated[float, positive("0.5")] = 1.0
     gain: Annotated[float, positive("1")] = 1.0
     within_s: Annotated[float, option("0.0005", least=0)] = 0.0

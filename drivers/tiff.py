@@ -3,8 +3,7 @@
 import struct
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
-
-import numpy as np
+from itertools import accumulate
 
 Entry = tuple[int, int, bytes]  # type, count, and the values' bytes
 
@@ -52,7 +51,7 @@ def head(tags: Mapping[int, Entry], exif: Mapping[int, Entry], sizes: Sequence[i
     exif_at = FIRST + len(directory({**tags, **links}, FIRST))
     after = directory(exif, exif_at) if exif else b""
     data_at = -(-(exif_at + len(after)) // 16) * 16
-    strips = np.cumsum([data_at, *sizes[:-1]]).tolist()
+    strips = accumulate((data_at, *sizes[:-1]))
     links = {STRIPS: long(*strips), **({EXIF: long(exif_at)} if exif else {})}
     whole = struct.pack("<2sHI", b"II", 42, FIRST) + directory({**tags, **links}, FIRST) + after
     return whole.ljust(data_at, b"\0")

@@ -53,11 +53,12 @@ def exposure_advice(level: float, clipped: float, exposure: Exposure, subject: s
         Reading("clipped", 100 * clipped, "%", None, 100 * MOST_CLIPPED),
     )
     if clipped > MOST_CLIPPED:
-        return _change(-1.0, f"{subject} is clipped", exposure, readings)
+        return change_exposure(-1.0, f"{subject} is clipped", exposure.exposure_s, readings)
     if level > BRIGHTEST or level < DARKEST:
         word = "too bright" if level > BRIGHTEST else "too dark"
         change = math.log2(WHITE / max(level, 1e-3))
-        return _change(change, f"{subject} is {word}, at {100 * level:.0f} % of the scale", exposure, readings)
+        finding = f"{subject} is {word}, at {100 * level:.0f} % of the scale"
+        return change_exposure(change, finding, exposure.exposure_s, readings)
     if exposure.iso is not None and exposure.iso > 1.5 * BASE_ISO:
         return _lower_iso(level, exposure, readings, subject)
     return Advice(
@@ -65,15 +66,16 @@ def exposure_advice(level: float, clipped: float, exposure: Exposure, subject: s
     )
 
 
-def _change(stops: float, finding: str, exposure: Exposure, readings: tuple[Reading, ...]) -> Advice:
-    """Advice to change the exposure by this number of stops."""
-    seconds = exposure.exposure_s
+def change_exposure(
+    stops: float, finding: str, seconds: float | None, readings: tuple[Reading, ...], longest_s: float = LONGEST_S
+) -> Advice:
+    """Advice to change the exposure by this number of stops, in nominal times."""
     if seconds is None:
         more = "more" if stops > 0 else "less"
         say = f"{finding}: expose {abs(stops):.1f} stops {more}."
         return Advice(False, say, readings, by_hand={"exposure_ev": stops})
     proposed = min(nominal_times_s(), key=lambda t: abs(math.log2(t / seconds) - stops))
-    if proposed > LONGEST_S and stops > 0:
+    if proposed > longest_s and stops > 0:
         return Advice(False, f"{finding}: increase the light to {2**stops:.1g} times as much.", readings)
     say = f"{finding}: set the exposure time from {time_words(seconds)} to {time_words(proposed)}."
     return Advice(False, say, readings, by_hand={"exposure_ev": math.log2(proposed / seconds)})

@@ -13,7 +13,7 @@ from functools import partial
 import cv2
 import numpy as np
 
-from procedures.advice import changed_settings, nominal_times_s, time_words
+from procedures.advice import change_exposure, changed_settings, nominal_times_s, time_words
 from procedures.drawings import steps as drawings
 from procedures.outcome import Outcome
 from procedures.plan import (
@@ -137,7 +137,7 @@ def check_panel(frame: RawFrame, facts: Facts) -> Advice:
         return Advice(False, say, readings, by_hand={"even_light": 1.0}, outline=outline)
     if not readings[0].good:
         stops = -1.0 if light >= high else math.log2((low + high) / 2 / max(light, 1e-3))
-        return exposure_by(stops, seconds, f"The light is at {100 * light:.0f} % of the scale", readings)
+        return change_exposure(stops, f"The light is at {100 * light:.0f} % of the scale", seconds, readings, math.inf)
     if not readings[1].good:
         say = f"The light differs by {100 * spread:.0f} % over the sensor: move the panel nearer, or add a diffuser."
         return Advice(False, say, readings, by_hand={"even_light": 1.0}, outline=outline)
@@ -168,15 +168,6 @@ def uneven(samples: np.ndarray[tuple[int, ...], np.dtype[np.float32]]) -> float:
     rows, columns = (size // 3 for size in samples.shape)
     ninths = samples[: 3 * rows, : 3 * columns].reshape(3, rows, 3, columns).mean(axis=(1, 3), dtype=np.float64)
     return float(np.ptp(ninths) / max(ninths.mean(), 1e-6))
-
-
-def exposure_by(stops: float, seconds: float | None, why: str, readings: tuple[Reading, ...]) -> Advice:
-    """Advice to change the exposure by stops, in nominal times."""
-    if seconds is None:
-        return Advice(False, f"{why}: expose by {stops:+.1f} stops.", readings, by_hand={"exposure_ev": stops})
-    proposed = min(nominal_times_s(), key=lambda t: abs(math.log2(t / seconds) - stops))
-    say = f"{why}: set the exposure time from {time_words(seconds)} to {time_words(proposed)}."
-    return Advice(False, say, readings, by_hand={"exposure_ev": math.log2(proposed / seconds)})
 
 
 PANEL = (
@@ -220,7 +211,7 @@ def check_picture(light: float, frame: RawFrame, facts: Facts) -> Advice:
         seconds = required(frame.exposure.exposure_s, "the exposure time", "use a camera that records it")
         stops = math.log2(min(nominal_times_s(), key=lambda t: abs(math.log2(t / wanted))) / seconds)
         if abs(stops) > 1 / 6:
-            return exposure_by(stops, seconds, "Next level", ())
+            return change_exposure(stops, "Next level", seconds, (), math.inf)
         lit = {LIT + mark_of(frame.sha256): seconds}
     return Advice(True, "This picture counts.", facts=lit)
 

@@ -26,7 +26,11 @@ from station.calibration.folder_photographs import Item
 from station.common.durable_files import Unwritable, holds, read_own, write_whole, written
 from station.common.sanitise import printable
 from station.common.versions import software
+from station.procedure.schema import DRAFT, limit_schema
+from station.results.comparison import Compliance
+from station.results.limits import Place
 from station.results.result_files import PUBLISHING, RECORD, json_object, own_hashes, sealed_text
+from station.results.units import Unit
 
 SCHEMA = "station/batch/1"
 FAILURE = ("files", "verdict", "specification", "reason", "against")
@@ -193,6 +197,29 @@ def _record(batch: Batch) -> dict[str, Any]:
         "software": software(),
         "duration_s": batch.duration_s,
     }
+
+
+def batch_schema() -> dict[str, Any]:
+    """The schema (draft 2020-12) of a batch's `result.json`."""
+    count, whole = {"type": "integer", "minimum": 0}, {"type": "object"}
+    limit = limit_schema({"place": {"enum": [*Place]}, "unit": {"enum": [*Unit]}})
+    known = {
+        "schema": {"const": SCHEMA},
+        "procedure": {"type": "string"},
+        **dict.fromkeys(("photographs", "undone", "reused"), count),
+        "verdicts": {**whole, "propertyNames": {"enum": [*VERDICTS]}, "additionalProperties": count},
+        "specification_verdicts": {**whole, "propertyNames": {"enum": [*Compliance]}, "additionalProperties": count},
+        "specification": {
+            **whole, "required": ["title", "sha256", "limits"],
+            "properties": {"limits": {"type": "array", "items": limit}},
+        },
+        "planes": whole,
+        "failed": {"type": "array", "items": {**whole, "required": [*FAILURE]}},
+        "software": whole,
+        "duration_s": {"type": "number"},
+    }  # fmt: skip
+    title = "result.json of station batch"
+    return {"$schema": DRAFT, "title": title, **whole, "required": [*known], "properties": known}
 
 
 LINES, TABLE, PARQUET, PAGE = "results.jsonl", "summary.csv", "summary.parquet", "report.html"

@@ -4,7 +4,7 @@ A driver is tried at its twin, where the truth is known and the line fails on re
 Time at a twin is virtual, so hundreds of operations take seconds.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -164,10 +164,10 @@ def homes_first(rig: StageRig) -> str:
     return ""
 
 
-def arrives(rig: StageRig) -> str:
-    """A move ends at its target."""
+def arrives(rig: StageRig, fractions: Sequence[float] = (0.5, 0.25, 1.0, 0.0, 0.75)) -> str:
+    """A move ends at its target, at each of these fractions of the travel."""
     worst = 0.0
-    for fraction in (0.5, 0.25, 1.0, 0.0, 0.75):
+    for fraction in fractions:
         goal = rig.target(fraction)
         rig.stage.move_to(**goal)
         truth = rig.truth()

@@ -93,13 +93,15 @@ def _hits(pages: Sequence[Page], words: Sequence[str]) -> str:
 def _write_schemas(folder: Path) -> None:
     import json
 
+    from station.batch.run import batch_schema
     from station.common.durable_files import write_whole
     from station.procedure.schema import procedure_named, procedure_names, schema_of
 
     folder.mkdir(parents=True, exist_ok=True)
-    for name in procedure_names():
+    schemas = {name: schema_of(procedure_named(name)) for name in procedure_names()}
+    for name, schema in {**schemas, "batch": batch_schema()}.items():
         path = folder / f"{name}.schema.json"
-        write_whole(path, json.dumps(schema_of(procedure_named(name)), indent=1).encode())
+        write_whole(path, json.dumps(schema, indent=1).encode())
         click.echo(path)
 
 

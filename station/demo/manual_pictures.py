@@ -19,9 +19,7 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 from rich.console import Console
 from rich.text import Text
-from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
-from scipy.special import ndtr
 
 from procedures import DumpLayout, Roi, estimate_edge
 from procedures.geometry.cameras import CameraModel, simple_camera
@@ -37,14 +35,9 @@ from procedures.pattern_psf.chart_finding.detection import find_chart
 from procedures.pattern_psf.estimate import PatternParameters
 from procedures.pattern_psf.outline import frontal_outline, present_outline
 from procedures.raw import read_frame
-from procedures.tilt.estimate import Tilt
-from procedures.tilt.plane import Screws, fit_plane, turns_for
 from procedures.transfer_function import radial_profile
 from simulators.bench.demonstration import EXPOSURE_S, ISO, OPTICS, WIDTH_MM, Staging, photograph, stage
-from simulators.camera.camera import SimulatedCamera
 from simulators.camera.optics import GaussianBlur, Optics
-from simulators.camera.sensor import Sensor
-from simulators.world.scene import Scene
 from station.app.app import StationApp
 from station.calibration.geometry import GeometryPhotographs, ViewRecord, conclude
 from station.calibration.geometry_files import geometry_measurement
@@ -57,6 +50,7 @@ from station.demo.guided_demo import run_guided
 from station.demo.reproduce.catalogue import ROWS
 from station.demo.reproduce.row import Setting
 from station.demo.reproduce.runner import compute
+from station.demo.small_inputs import defocused, edge_light, six_charts, tilted_sensor
 from station.guide.workspace import StationLab
 from station.procedure.schema import procedure_named
 from station.reports import otf_figures, psf_figures
@@ -198,11 +192,7 @@ def _guided(plan: str, begins: Mapping[str, str]) -> Callable[[Path], Pictures]:
 
 def _field(folder: Path) -> Pictures:
     """A frame with a chart at six places, and its correction by the field."""
-    sensor = Sensor(280, 310, None, bits=16, full_well_e=5.2e5, gain_e_per_dn=8.0)
-    camera = SimulatedCamera(sensor=sensor, pitch_um=7.5, white_e_per_s=2e7, oversampling=5)
-    places = [(x, y) for y in (0.25, 0.75) for x in (0.18, 0.5, 0.82)]
-    scene = Scene(tuple(camera.place(Chart.from_seed(), pixels=66, at=at, roll_deg=2.0) for at in places))
-    shot = _grey(folder / "charts.pgm", camera.photograph(scene, np.random.default_rng(4)).plane("Y"))
+    shot = _grey(folder / "charts.pgm", six_charts())
     field = _measured("field", [shot], folder / "field", s=3, k=13)
     begins = {
         "field-psfs": "The PSF of Y from", "field-places": "Where it was measured", "field-heights": "Sagittal (solid)",
@@ -223,24 +213,13 @@ def _vignetting(folder: Path) -> Pictures:
 
 
 def _tilt(folder: Path) -> Pictures:
-    """Best focus at nine places behind a sensor of known slopes."""
-    places = np.array([(x, y) for y in (-10.0, 0.0, 10.0) for x in (-15.0, 0.0, 15.0)])
-    x, y = places.T
-    heights = 2 + 1.5 * x - 0.5 * y + 0.02 * x**2 + np.random.default_rng(8).standard_normal(9)
-    plane = fit_plane(places, heights, np.eye(9), (36.0, 24.0))
-    screws = Screws(first_deg=30.0)
-    tilt = Tilt(plane, np.zeros(9), screws, turns_for(plane, screws, with_focus=True), True)
-    page = procedure_named("tilt").page(tilt_measurement(RecordHead("tilt"), "G1", Outcome(tilt))).decode()
+    measurement = tilt_measurement(RecordHead("tilt"), "G1", Outcome(tilted_sensor(noise_um=1.0)))
+    page = procedure_named("tilt").page(measurement).decode()
     return _of_page(page, {"tilt": "Height of the sensor", "screws": "The screws"})
 
 
 def _restoration(folder: Path) -> Pictures:
-    rng = np.random.default_rng(6)
-    scene = 0.1 + 0.8 * gaussian_filter(rng.random((84, 90)), 0.8, mode="wrap")
-    paths = []
-    for number, sigma in ((1, 1.0), (2, 1.5)):
-        blurred = gaussian_filter(scene, sigma)[10:-10, 10:-10] + 0.002 * rng.standard_normal((64, 70))
-        paths.append(_grey(folder / f"blurred_{number}.pgm", blurred))
+    paths = [_grey(folder / f"blurred_{number}.pgm", defocused(sigma)) for number, sigma in ((1, 1.0), (2, 1.5))]
     lens = {"metres": "front", "f_number": (4.2, 2.8), "focus_m": (2.0,), "focal_length_mm": 50, "pixel_pitch_um": 8.0}
     settings = {"blur": "defocus", "shape": ("gaussian",), "max_w": 6, **lens}
     page = _measured("restore", paths, folder / "restored", **settings)
@@ -259,13 +238,11 @@ def _rays(folder: Path) -> Pictures:
 
 def _batch(folder: Path) -> Pictures:
     """An edge at 5.5 degrees, photographed twelve times, once out of focus."""
-    y, x = np.mgrid[:80, :60]
-    away = (x - 29.5 - np.tan(np.radians(5.5)) * (y - 39.5)) * np.cos(np.radians(5.5))
     rng, lines, numbers = np.random.default_rng(9), [], []
     procedure = procedure_named("edge")
     for n in range(12):
-        light = 0.1 + 0.7 * ndtr(away / (1.1 if n == 8 else 0.7)) + 0.004 * rng.standard_normal(x.shape)
-        path = _grey(folder / f"edge{n:02d}.png", light)
+        light = edge_light(1.1 if n == 8 else 0.7)
+        path = _grey(folder / f"edge{n:02d}.png", light + 0.004 * rng.standard_normal(light.shape))
         (plane,) = next(iter(procedure.measurements([path], procedure.Settings()))).planes
         numbers.append(plane.numbers[EDGE_CROSSINGS[50]])
         lines.append(
@@ -278,9 +255,7 @@ def _batch(folder: Path) -> Pictures:
 
 def _library(folder: Path) -> Pictures:
     """The plot and the page of an edge in a dump of a sensor."""
-    y, x = np.mgrid[:80, :60]
-    away = (x - 29.5 - np.tan(np.radians(5.5)) * (y - 39.5)) * np.cos(np.radians(5.5))
-    light = 0.1 + 0.7 * ndtr(away / 0.7) + 0.004 * np.random.default_rng(10).standard_normal(x.shape)
+    light = edge_light() + 0.004 * np.random.default_rng(10).standard_normal((80, 60))
     path, raw = folder / "dump.raw", DUMP
     path.write_bytes(np.rint(65535 * light).astype(">u2").tobytes())
     page = _measured("edge", [path], folder / "dump", raw=raw)

@@ -50,6 +50,14 @@ def schema_of(procedure: Procedure[Any]) -> dict[str, Any]:
     }
 
 
+def limit_schema(more: Mapping[str, Any]) -> dict[str, Any]:
+    """The schema of a limit, with these properties too."""
+    text, bounds = {"type": "string"}, {"min": NUMBER_OR_NULL, "max": NUMBER_OR_NULL}
+    texts, number = {"type": "array", "items": text}, {"type": "number"}
+    known = {"number": text, **bounds, "coverage": number, "at": number, "planes": texts, "directions": texts}
+    return {"type": "object", "required": ["number", *bounds], "properties": {**known, **more}}
+
+
 def _definitions() -> dict[str, Any]:
     text, cause = {"type": "string"}, {"reason": {"type": "string"}, "remedy": {"type": "string"}}
     quantity = {
@@ -62,10 +70,8 @@ def _definitions() -> dict[str, Any]:
             "budget": {"type": "object", "additionalProperties": NUMBER_OR_NULL},
         },
     }  # fmt: skip
-    judged = {"enum": [*(str(one) for one in Compliance), None]}
-    bounds = {"min": NUMBER_OR_NULL, "max": NUMBER_OR_NULL}
-    limit = {"type": "object", "required": ["number", *bounds],
-             "properties": {"number": text, **bounds, "verdict": judged}}  # fmt: skip
+    judged = {"enum": [*Compliance, None]}
+    limit = limit_schema({"verdict": judged, "place": text, "unit": text})
     reading = {"type": "object", "required": ["value", "unit", "uncertainty", "min", "max", "n"],
                "properties": {"value": NUMBER_OR_NULL, "unit": text, "uncertainty": NUMBER_OR_NULL}}  # fmt: skip
     return {

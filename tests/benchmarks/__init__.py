@@ -13,6 +13,11 @@ SHARED = Path(os.environ.get("STATION_SHARED_DATA", ROOT.parent / "shared" / "da
 """Photographs and known truths that are kept beside the project."""
 
 
+def processor_s() -> float:
+    """Processor time of this process and of the children that have ended."""
+    return sum(os.times()[:4])
+
+
 def options(about: str | None, *words: str, **defaults: Any) -> argparse.Namespace:
     """What the command line states of these options, each of its default's type; `words` come without their names.
 

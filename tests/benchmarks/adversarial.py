@@ -37,6 +37,7 @@ from procedures import Plane, Roi, estimate_edge, estimate_edges, estimate_psf, 
 from procedures.outcome import Outcome
 from procedures.pattern import CELLS, Chart
 from procedures.pattern_print.formats import bitmap
+from tests.procedures.pattern_psf import damage
 
 Array = np.ndarray
 Rng = np.random.Generator
@@ -345,8 +346,12 @@ def unsharp(amount: float, radius_px: float, threshold: float = 0.0) -> Corrupti
     return Corruption(process=process)
 
 
+def changed(change: Callable[[Array], Array]) -> Corruption:
+    return Corruption(process=lambda x, noise, rng: change(x))
+
+
 def curve(change: Callable[[Array], Array]) -> Corruption:
-    return Corruption(process=lambda x, noise, rng: change(np.clip(x, 0, 1)))
+    return changed(lambda x: change(np.clip(x, 0, 1)))
 
 
 def srgb(x: Array) -> Array:
@@ -357,15 +362,6 @@ def shoulder(start: float, white: float) -> Corruption:
     """Linear up to a level, then an exponential approach to white."""
     room = white - start
     return curve(lambda x: np.where(x < start, x, white - room * np.exp(-(np.maximum(x, start) - start) / room)))
-
-
-def demosaicked(x: Array, noise: float, rng: Rng) -> Array:
-    """The green plane of a mosaic, the other sites filled with the mean of their four neighbours."""
-    y, column = np.indices(x.shape)
-    green = (y + column) % 2 == 0
-    padded = np.pad(x, 1, mode="reflect")
-    mean = (padded[:-2, 1:-1] + padded[2:, 1:-1] + padded[1:-1, :-2] + padded[1:-1, 2:]) / 4
-    return np.where(green, x, mean)
 
 
 def enlarged(factor: float, how: int) -> Corruption:
@@ -483,15 +479,6 @@ def limited(amount: float, radius_px: float) -> Corruption:
     return Corruption(process=process)
 
 
-def jpeg(quality: int) -> Corruption:
-    def process(x: Array, noise: float, rng: Rng) -> Array:
-        levels = np.rint(255 * np.clip(x, 0, 1)).astype(np.uint8)
-        _, coded = cv2.imencode(".jpg", levels, [cv2.IMWRITE_JPEG_QUALITY, quality])
-        return cv2.imdecode(coded, cv2.IMREAD_GRAYSCALE) / 255.0
-
-    return Corruption(process=process)
-
-
 def rough(rms_px: float, length_px: float) -> Corruption:
     """The printed edge displaced at random, correlated along it."""
 
@@ -551,7 +538,7 @@ CORRUPTIONS: dict[str, Corruption] = {
     "soft shoulder to 0.8": shoulder(0.4, 0.8),
     "smooth step of contrast": curve(lambda x: x * x * (3 - 2 * x)),
     "clipped at 0.5": curve(lambda x: np.minimum(x, 0.5) * 1.9),
-    "demosaicked bilinearly": Corruption(process=demosaicked),
+    "demosaicked bilinearly": changed(damage.demosaiced(2)),
     "enlarged x1.5, linear": enlarged(1.5, cv2.INTER_LINEAR),
     "enlarged x1.5, cubic": enlarged(1.5, cv2.INTER_CUBIC),
     "enlarged x2, Lanczos": enlarged(2.0, cv2.INTER_LANCZOS4),
@@ -573,8 +560,8 @@ CORRUPTIONS: dict[str, Corruption] = {
     "guided filter, 1 px, 1.5 noises": guided(1, 1.5),
     "deconvolved, 3 steps of 0.7 px": deconvolved(3, 0.7),
     "sharpened within its range, 50 %": limited(0.5, 2.0),
-    "JPEG 90": jpeg(90),
-    "JPEG 60": jpeg(60),
+    "JPEG 90": changed(damage.jpeg(90)),
+    "JPEG 60": changed(damage.jpeg(60)),
     "rough print 0.15 px": rough(0.15, 1.0),
     "rough print 0.3 px": rough(0.3, 3.0),
     "vibration 0.3 px in 20 rows": vibration(0.3, 20),

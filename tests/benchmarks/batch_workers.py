@@ -9,7 +9,6 @@ time on the clock depends on what else the machine does.
 
 import os
 import platform
-import resource
 import tempfile
 import time
 from collections.abc import Iterator
@@ -22,7 +21,7 @@ from station.batch.item import ItemRow, Job
 from station.batch.procedure_file import read_procedure
 from station.batch.run import run_batch
 from station.calibration.folder_photographs import Item, singly
-from tests.benchmarks import options
+from tests.benchmarks import options, processor_s
 
 WORK_S = "STATION_BENCHMARK_WORK_S"
 
@@ -34,12 +33,6 @@ def spend(item: Item, job: Job) -> ItemRow:
     while time.process_time() < end_s:
         sum(range(2000))
     return ItemRow(item.files, "pass", sha256=(f"{len(data):064x}",))
-
-
-def processor_s() -> float:
-    """Processor time of this process and of all that it has ended."""
-    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    return sum(one.ru_utime + one.ru_stime for one in used)
 
 
 @contextmanager

@@ -30,6 +30,7 @@ from procedures.geometry.views import chart_nodes
 from procedures.pattern import BLOCK, CELLS, Chart
 from procedures.pattern_print.formats import bitmap
 from tests.benchmarks import options
+from tests.procedures.geometry.simulated_views import aligned
 
 Array = np.ndarray
 
@@ -204,18 +205,6 @@ def measured(lens: Lens, view: int, pose: Pose, noise: float) -> tuple[object, s
     plane = Plane("Y", photograph(lens, pose, chart, noise, view), 1 / 65535)
     outcome = views_of({"Y": plane}, chart, f"view{view:02d}")["Y"]
     return outcome.value, outcome.reason
-
-
-def aligned(camera: object, lens: Lens, pixels: Array) -> Array:
-    """Projection error (n, 2) of a camera at pixels of the lens, up to the best rotation."""
-    rays, turn = lens.rays(pixels), np.zeros(3)
-    for _ in range(6):
-        turned = Rotation.from_rotvec(turn).apply(rays)
-        error = camera.project(turned) - pixels
-        moved = [camera.project(Rotation.from_rotvec(turn + 1e-6 * axis).apply(rays)) for axis in np.eye(3)]
-        J = (np.stack(moved, axis=-1) - camera.project(turned)[..., None]) / 1e-6
-        turn = turn - np.linalg.lstsq(J.reshape(-1, 3), error.ravel(), rcond=None)[0]
-    return error
 
 
 def rms(values: Array) -> float:

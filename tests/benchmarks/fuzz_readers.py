@@ -28,7 +28,7 @@ from pathlib import Path
 
 from procedures.ray_histogram.film import film_of_samples
 from procedures.ray_histogram.multiscale import filter_film
-from tests.benchmarks import options
+from tests.benchmarks import options, processor_s
 from tests.benchmarks.fuzz_files import AFTER, FEW, READERS, restored, samples
 from tests.benchmarks.fuzz_structure import STRUCTURED, restructured
 
@@ -197,12 +197,12 @@ def _serve(subject: Subject, numbers: range, mouth: int) -> int:
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     for n in numbers:
         subject.spoil(n)
-        begin_s = _processor_s()
+        begin_s = processor_s()
         resource.setrlimit(resource.RLIMIT_CPU, (int(begin_s) + TIME_S, resource.RLIM_INFINITY))
         Path("/proc/self/clear_refs").write_text("5")  # the peak is counted from here
         before = _status("VmRSS")
         code, stated = _read(subject)
-        answer = (code, 1024 * max(0, _status("VmHWM") - before), _processor_s() - begin_s, stated)
+        answer = (code, 1024 * max(0, _status("VmHWM") - before), processor_s() - begin_s, stated)
         os.write(mouth, (json.dumps(answer) + "\n").encode())
     return 0
 
@@ -221,12 +221,6 @@ def _status(name: str) -> int:
     """A number of this process' status, in kB."""
     lines = Path("/proc/self/status").read_text().splitlines()
     return next(int(line.split()[1]) for line in lines if line.startswith(f"{name}:"))
-
-
-def _processor_s() -> float:
-    """Of this process and of those that it waited for."""
-    times = os.times()
-    return times.user + times.system + times.children_user + times.children_system
 
 
 def fuzz(mutations: int, seed: int, only: Sequence[str] = (), keep: Path | None = None) -> dict[str, Counts]:

@@ -60,7 +60,7 @@ def answers(camera: dict[str, float], seed: int) -> Iterator[Answer]:
         name = f"chart, s = {s or 'auto'}"
         yield from _of_psf(name, by_chart(plane, CHART, PatternParameters(s)))
     zoom, wall = (3.8, 4.6)[seed % 2], ("leaves", "pink")[seed % 2]
-    pair = of_wall.photographs(of_wall.camera(**camera), wall=wall, zoom=zoom, noise=0.005, seed=seed, size=160)
+    pair = of_wall.photographs(of_chart.circular(**camera), wall=wall, zoom=zoom, noise=0.005, seed=seed, size=160)
     planes = (Plane("Y", np.asarray(one, np.float32), 1 / 65535) for one in (pair.near, pair.far))
     yield from _of_psf("two photographs", by_wall(*planes))
     rng = np.random.default_rng([seed, 100])

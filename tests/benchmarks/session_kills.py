@@ -28,8 +28,7 @@ import time
 import traceback
 from collections import Counter
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
-from errno import ENOSPC
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +46,7 @@ from station.sessions.reader import read_session, sessions_in, verify
 from station.sessions.session import Session
 from tests.benchmarks import options
 from tests.station.sessions import short_plan
+from tests.station.sessions.faulty_disk import FaultyDisk
 from tests.station.sessions.short_plan import ENTRY, SHOTS, photographs, plan
 
 catalogue.PLANS |= ENTRY
@@ -81,51 +81,20 @@ def die() -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-@dataclass
-class FaultyDisk(Disk):
-    """The disk on which it happens. It counts its operations for whoever chooses one."""
+class KilledDisk(FaultyDisk):
+    """The disk on which it happens: the process is killed, or there is room again after some failures."""
 
-    fault: Fault = field(default_factory=Fault)
-    count: int = 0
+    def __init__(self, fault: Fault) -> None:
+        here = fault.kind in ("before", "half", "after", "full")
+        super().__init__(int(fault.at) if here else -1, fault.kind)
+        self._failures = fault.failures
 
-    def write(self, descriptor: int, data: bytes) -> int:
-        if self._now("half"):
-            super().write(descriptor, data[: len(data) // 2])
-            die()
-        if self._full():
-            super().write(descriptor, data[: len(data) // 2])
-            raise OSError(ENOSPC, os.strerror(ENOSPC))
-        taken = super().write(descriptor, data)
-        return self._done(taken)
+    def cut(self) -> None:
+        die()
 
-    def sync(self, descriptor: int) -> None:
-        self._now("half")
-        super().sync(descriptor)
-        self._done(None)
-
-    def replace(self, source: Path, target: Path) -> None:
-        self._now("half")
-        super().replace(source, target)
-        self._done(None)
-
-    def place(self, source: Path, target: Path) -> None:
-        self._now("half")
-        super().place(source, target)
-        self._done(None)
-
-    def _now(self, kind: str) -> bool:
-        self.count += 1
-        if self.count == self.fault.at and self.fault.kind == "before":
-            die()
-        return self.count == self.fault.at and self.fault.kind == kind
-
-    def _full(self) -> bool:
-        return self.fault.kind == "full" and 0 <= self.count - self.fault.at < self.fault.failures
-
-    def _done(self, value: Any) -> Any:
-        if self.count == self.fault.at and self.fault.kind == "after":
-            die()
-        return value
+    def _perform(self, action: Any, partly: Any = lambda: None) -> Any:
+        self.full = self.full and self.count + 1 < self.at + self._failures
+        return super()._perform(action, partly)
 
 
 class Log:
@@ -188,7 +157,7 @@ def work(root: Path, frames: dict[str, bytes], fault: Fault) -> None:
     incoming = root / "incoming"
     incoming.mkdir(exist_ok=True)
     bench = simulated_bench(incoming, seed=1, virtual_time=True)
-    disk = FaultyDisk(fault)
+    disk = KilledDisk(fault)
     with session_in(root, bench.clock, disk) as session:
         bench.simulated.body.develop = develop(session, frames, fault, incoming, log)
         ended = Run(plan(), bench, session, ScriptedOperator(listen=log.heard, patience=4)).go()

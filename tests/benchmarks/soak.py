@@ -32,7 +32,6 @@ from typing import Any
 
 import numpy as np
 
-from drivers.dng import Shot, write_dng
 from drivers.errors import DeviceError
 from procedures.outcome import Outcome, Verdict
 from procedures.plan import Advice, Go, Home, Plan, Shoot, Step
@@ -47,8 +46,9 @@ from station.guide.run import Run
 from station.guide.scripted import ScriptedOperator
 from station.guide.vibration import SettlingTimeouts
 from station.sessions.session import Session
-from tests.benchmarks import options
+from tests.benchmarks import options, processor_s
 from tests.conformance.grbl_firmware import FirmwareInSimavr
+from tests.station.guide.benches import frame_bytes
 
 PHOTOGRAPHS = 3
 LINE_FAULTS = (*FAULTS, "clogged")
@@ -285,19 +285,10 @@ def _fail_at(operator: ScriptedOperator, count: int, event: object) -> None:
         raise FrontEndFailed
 
 
-def _picture(folder: Path) -> bytes:
-    path = folder / "picture.dng"
-    mosaic = np.random.default_rng(0).integers(600, 9000, (64, 96)).astype(np.uint16)
-    write_dng(path, mosaic, Shot(exposure_s=0.02, iso=100, f_number=5.6), cfa="RGGB", black=(512,) * 4, white=16383)
-    data = path.read_bytes()
-    path.unlink()
-    return data
-
-
 @contextmanager
 def soaked(folder: Path, seed: int, firmware: FirmwareInSimavr | None = None) -> Iterator[Soak]:
     """A bench of stage, shutter box and camera in virtual time."""
-    incoming, picture = folder / "incoming", _picture(folder)
+    incoming, picture = folder / "incoming", frame_bytes(0)
     incoming.mkdir()
     soak: Soak
     world = SimulatedBench(incoming, Setup(seed, virtual_time=True, develop=lambda one: soak.develop(picture, one)))
@@ -344,25 +335,19 @@ def soak_seed(seed: int, operations: int, firmware: tuple[str, str] | None = Non
         return soak.counts
 
 
-def _processor_s() -> float:
-    """Processor time of this process and of the emulators that have ended."""
-    times = os.times()
-    return times.user + times.system + times.children_user + times.children_system
-
-
 def main() -> int:
     """Soak each seed; print its counts."""
     given = options(__doc__, seeds=4, first=0, operations=500, firmware="", box="")
     firmware = (given.firmware, given.box) if given.firmware else None
     wrong = 0
     for seed in range(given.first, given.first + given.seeds):
-        start_s, begin_s = _processor_s(), time.monotonic()
+        start_s, begin_s = processor_s(), time.monotonic()
         try:
             counts = soak_seed(seed, given.operations, firmware)
             words_of_it = ", ".join(f"{count} {name}" for name, count in sorted(counts.items()))
         except Broken as broken:
             wrong, words_of_it = wrong + 1, f"BROKEN: {broken}"
-        spent = f"{_processor_s() - start_s:.0f} s of processor, {time.monotonic() - begin_s:.0f} s"
+        spent = f"{processor_s() - start_s:.0f} s of processor, {time.monotonic() - begin_s:.0f} s"
         print(f"seed {seed}: {given.operations} operations, {spent}; {words_of_it}", flush=True)
     return int(wrong > 0)
 

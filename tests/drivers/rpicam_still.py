@@ -15,7 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
-SHORT, LONG, ASCII, BYTE, RATIONAL = 3, 4, 2, 1, 5
+from drivers.tiff import byte, directory, long, rational, short, text
+
 SMALLEST_EXPOSURE_US = 29
 
 
@@ -59,64 +60,38 @@ def numbers(sensor: TwinSensor, columns: int, rows: int, bits: int, light: float
     return [min(max(round(level), 0), white) for level in noisy]
 
 
-def _directory(tags: dict[int, tuple[int, int, bytes]], at: int) -> bytes:
-    """A TIFF directory at this byte, with the values that do not fit into it."""
-    beyond, entries, values = at + 2 + 12 * len(tags) + 4, b"", b""
-    for number, (kind, count, raw) in sorted(tags.items()):
-        if len(raw) > 4:
-            raw, values = struct.pack("<I", beyond + len(values)), values + raw + b"\0" * (len(raw) % 2)
-        entries += struct.pack("<HHI", number, kind, count) + raw.ljust(4, b"\0")
-    return struct.pack("<H", len(tags)) + entries + bytes(4) + values
-
-
-def _short(*values: int) -> tuple[int, int, bytes]:
-    return SHORT, len(values), struct.pack(f"<{len(values)}H", *values)
-
-
-def _long(value: int) -> tuple[int, int, bytes]:
-    return LONG, 1, struct.pack("<I", value)
-
-
-def _text(words: str) -> tuple[int, int, bytes]:
-    return ASCII, len(words) + 1, words.encode() + b"\0"
-
-
-def _fractions(*values: float) -> tuple[int, int, bytes]:
-    return RATIONAL, len(values), b"".join(struct.pack("<2I", round(value * 10**6), 10**6) for value in values)
-
-
 def dng(sensor: TwinSensor, mosaic: list[int], columns: int, bits: int, exposure_s: float, gain: float) -> bytes:
     """The file: first a thumbnail in colour, the sensor's numbers in 16 bits in a directory below it, then EXIF."""
     rows, small = len(mosaic) // columns, columns // 16
     picked = (mosaic[columns * y + x] for y in range(0, rows, 16) for x in range(0, 16 * small, 16))
     thumb = bytes(level >> (bits - 8) for level in picked for _ in range(3))
     raw = {
-        254: _long(0), 256: _long(columns), 257: _long(rows), 258: _short(16), 259: _short(1),
-        262: _short(32803 if sensor.tile else 34892), 277: _short(1), 278: _long(rows), 279: _long(2 * len(mosaic)),
-        284: _short(1), 50713: _short(2, 2), 50717: _long(2**bits - 1),
-        50714: _fractions(*[sensor.black * 2 ** (bits - 12)] * 4),
+        254: long(0), 256: long(columns), 257: long(rows), 258: short(16), 259: short(1),
+        262: short(32803 if sensor.tile else 34892), 277: short(1), 278: long(rows), 279: long(2 * len(mosaic)),
+        284: short(1), 50713: short(2, 2), 50717: long(2**bits - 1),
+        50714: rational(*[sensor.black * 2 ** (bits - 12)] * 4),
     }  # fmt: skip
     if sensor.tile:
-        raw |= {33421: _short(2, 2), 33422: (BYTE, 4, bytes("RGB".index(one) for one in sensor.tile))}
-    exif = {33434: _fractions(exposure_s), 34855: _short(int(100 * gain))}
+        raw |= {33421: short(2, 2), 33422: byte(*("RGB".index(one) for one in sensor.tile))}
+    exif = {33434: rational(exposure_s), 34855: short(int(100 * gain))}
     first = {
-        254: _long(1), 256: _long(small), 257: _long(len(thumb) // small // 3), 258: _short(8, 8, 8), 259: _short(1),
-        262: _short(2), 271: _text("Raspberry Pi"), 272: _text(sensor.name), 274: _short(1), 277: _short(3),
-        278: _long(len(thumb) // small // 3), 279: _long(len(thumb)), 284: _short(1), 305: _text("rpicam-still"),
-        50706: (BYTE, 4, bytes((1, 1, 0, 0))), 50707: (BYTE, 4, bytes((1, 0, 0, 0))), 50708: _text(sensor.name),
-        50728: _fractions(1, 1, 1), 50778: _short(21),
+        254: long(1), 256: long(small), 257: long(len(thumb) // small // 3), 258: short(8, 8, 8), 259: short(1),
+        262: short(2), 271: text("Raspberry Pi"), 272: text(sensor.name), 274: short(1), 277: short(3),
+        278: long(len(thumb) // small // 3), 279: long(len(thumb)), 284: short(1), 305: text("rpicam-still"),
+        50706: byte(1, 1, 0, 0), 50707: byte(1, 0, 0, 0), 50708: text(sensor.name),
+        50728: rational(1, 1, 1), 50778: short(21),
     }  # fmt: skip
     places = dict.fromkeys(("thumb", "raw", "exif", "pixels"), 0)
     for _ in range(2):  # the lengths do not depend on the places
-        head = _directory({**first, 273: _long(places["thumb"]), 330: _long(places["raw"]),
-                           34665: _long(places["exif"])}, 8)  # fmt: skip
+        head = directory({**first, 273: long(places["thumb"]), 330: long(places["raw"]),
+                           34665: long(places["exif"])}, 8)  # fmt: skip
         places["thumb"] = 8 + len(head)
         places["raw"] = places["thumb"] + len(thumb) + len(thumb) % 2
-        below = _directory({**raw, 273: _long(places["pixels"])}, places["raw"])
+        below = directory({**raw, 273: long(places["pixels"])}, places["raw"])
         places["exif"] = places["raw"] + len(below)
-        places["pixels"] = places["exif"] + len(_directory(exif, places["exif"]))
+        places["pixels"] = places["exif"] + len(directory(exif, places["exif"]))
     padded = thumb.ljust(places["raw"] - places["thumb"], b"\0")
-    body = head + padded + below + _directory(exif, places["exif"])
+    body = head + padded + below + directory(exif, places["exif"])
     return struct.pack("<2sHI", b"II", 42, 8) + body + struct.pack(f"<{len(mosaic)}H", *mosaic)
 
 

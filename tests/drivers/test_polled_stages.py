@@ -1,10 +1,20 @@
 """Stages that are polled, at their twins: what each protocol says, damage to it, wrong configuration."""
 
 from contextlib import contextmanager
+from unittest.mock import Mock
 
 import pytest
 
-from drivers.errors import Alarm, BadConfiguration, EmergencyStopped, NoAnswer, OutsideTravel, Rejected, WasReset
+from drivers.errors import (
+    Alarm,
+    BadConfiguration,
+    EmergencyStopped,
+    MoveFailed,
+    NoAnswer,
+    OutsideTravel,
+    Rejected,
+    WasReset,
+)
 from drivers.newport import NewportParser
 from drivers.polled_stage import PolledAxis
 from drivers.thorlabs import AptMessage, AptParser
@@ -14,6 +24,7 @@ from station.bench.opening import make_bench
 from station.bench.twins import TWINS, twin_of
 
 NEW = ("esp301", "smc100", "apt", "gcs")
+ALL = (*NEW, "zaber", "tmcl_stage")
 
 
 @contextmanager
@@ -36,6 +47,92 @@ def bench(request, tmp_path):
         bench.stage.connect()
         bench.stage.home()
         yield bench
+
+
+@pytest.fixture(params=ALL)
+def homed(request, tmp_path):
+    """A bench whose stage is homed, two axes of it where its twin has two."""
+    if request.param == "tmcl_stage":
+        pytest.importorskip("pytrinamic", reason="pytrinamic is not installed (extra `tmcl`)")
+    with stage_of(request.param, tmp_path) as bench:
+        bench.stage.connect()
+        bench.stage.home()
+        bench.line = getattr(bench.stage, "_link", bench.stage)._transport
+        yield bench
+
+
+def ends(stage):
+    """A target at the end of each axis."""
+    return {name: travel.high for name, travel in stage.travel().items()}
+
+
+@pytest.mark.parametrize("order", ["_begin_move", "_begin_homing"])
+def test_after_a_stop_the_other_axis_is_neither_sent_nor_searched(homed, monkeypatch, order):
+    stage, before, begin, begun = homed.stage, homed.stage.position(), getattr(homed.stage, order), []
+    if len(before) < 2:
+        pytest.skip("its twin has one axis")
+
+    def stopped_meanwhile(axis, *given):
+        begin(axis, *given)
+        begun.append(axis.name)
+        stage._mover.stop()
+
+    monkeypatch.setattr(stage, order, stopped_meanwhile)
+    with pytest.raises(MoveFailed, match="stopped before all axes"):
+        stage.home() if order == "_begin_homing" else stage.move_to(**ends(stage))
+    assert begun == [next(iter(before))]
+    homed.clock.sleep(0.2)  # it slows down
+    assert not stage.moving()
+    assert stage.condition().usable == (order == "_begin_move")
+
+
+def test_an_axis_that_is_not_where_it_was_sent_is_stopped_before_that_is_reported(homed, monkeypatch):
+    stage = homed.stage
+    monkeypatch.setattr(stage, "_rest", lambda axes, limit_s: {axis: stage._state(axis) for axis in axes})  # too early
+    with pytest.raises(MoveFailed, match=" stopped at"):
+        stage.move_to(**ends(stage))
+    homed.clock.sleep(0.2)
+    assert not stage.moving()
+
+
+def test_homing_whose_end_cannot_be_asked_is_stopped(homed, monkeypatch):
+    stage = homed.stage
+    stage.move_to(**ends(stage))
+    monkeypatch.setattr(stage, "_rest", Mock(side_effect=NoAnswer("no answer", "check its power")))
+    with pytest.raises(NoAnswer):
+        stage.home()
+    homed.clock.sleep(0.2)
+    assert not stage.moving()
+
+
+def test_a_stop_is_sent_past_a_request_that_is_not_answered_and_repeated(homed, monkeypatch):
+    stage, state, sent = homed.stage, homed.stage._state, homed.line.transcript
+    homed.line._busy = True  # somebody waits for an answer
+    with pytest.raises(NoAnswer):
+        stage.stop()
+    homed.line._busy = False
+    assert [entry.data for entry in sent.last() if entry.way == ">"][-1] == stage.stop_bytes
+    refusals = [Rejected("it refused", "look")] * 2
+
+    def refuse(axis):
+        if refusals:
+            raise refusals.pop()
+        return state(axis)
+
+    monkeypatch.setattr(stage, "_state", refuse)
+    stage.stop()
+    assert not refusals
+    stage.move_to(**ends(stage))  # the line is in step again, and the position is kept
+
+
+def test_a_port_that_does_not_take_the_stop_gets_an_emergency_stop(homed):
+    homed.line._outgoing._turn.acquire()  # somebody's order does not leave the port
+    with pytest.raises(NoAnswer, match=r"took no bytes for 0\.03 s"):
+        homed.stage.stop()
+    homed.line._outgoing._turn.release()
+    last = homed.line.transcript.last()[-1]
+    assert (last.way, last.data) == ("!", homed.stage.emergency_bytes or homed.stage.stop_bytes)
+    assert not homed.stage.condition().usable
 
 
 def test_an_axis_that_counts_the_other_way_moves_within_its_own_travel(tmp_path):

@@ -35,48 +35,6 @@ def sent(stage):
     return [p.data for p in stage._transport.transcript.last() if p.way == ">"]
 
 
-def test_after_a_stop_the_other_axis_is_not_sent(homed, monkeypatch):
-    send, orders, before = homed._send, [], homed.position()
-
-    def stopped_meanwhile(device, axis, words, **given):
-        answer = send(device, axis, words, **given)
-        if words.startswith("move abs"):
-            orders.append(words)
-            homed.stop()
-        return answer
-
-    monkeypatch.setattr(homed, "_send", stopped_meanwhile)
-    first, second = homed.travel()
-    with pytest.raises(MoveFailed, match="stopped before all axes"):
-        homed.move_to(**{name: homed.travel()[name].high for name in (first, second)})
-    assert len(orders) == 1
-    assert homed.position()[second] == before[second]
-
-
-def test_an_axis_that_is_not_where_it_was_sent_is_stopped_before_that_is_reported(homed, bench, monkeypatch):
-    monkeypatch.setattr(homed, "_rest", lambda axes, limit_s: {axis: homed._state(axis) for axis in axes})  # too early
-    with pytest.raises(MoveFailed, match="pan_deg stopped"):
-        homed.move_to(pan_deg=20.0)
-    bench.clock.sleep(0.1)  # it slows down
-    assert not homed.moving()
-
-
-def test_homing_whose_end_cannot_be_asked_is_stopped(homed, bench, monkeypatch):
-    homed.move_to(pan_deg=20.0)
-    status, unanswered = homed._status, [NoAnswer("no answer", "check its power")]
-
-    def ask(axis):
-        if unanswered:
-            raise unanswered.pop()
-        return status(axis)
-
-    monkeypatch.setattr(homed, "_status", ask)
-    with pytest.raises(NoAnswer):
-        homed.home()
-    bench.clock.sleep(0.1)
-    assert not homed.moving()
-
-
 def test_every_command_carries_its_checksum_and_an_id_of_its_own(homed):
     homed.position()
     lines = sent(homed)
@@ -144,23 +102,6 @@ def test_answers_without_checksum_once_they_are_on_are_those_of_a_device_that_wa
     homed.move_to(pan_deg=10.0)
 
 
-def test_a_stop_is_sent_past_a_request_that_is_not_answered(homed):
-    homed._transport._busy = True  # somebody waits for an answer
-    with pytest.raises(NoAnswer, match="still busy"):
-        homed.stop()
-    assert sent(homed)[-1] == b"/0 0 stop\n"
-
-
-def test_a_port_that_does_not_take_the_stop_gets_an_emergency_stop(homed):
-    homed._transport._outgoing._turn.acquire()  # somebody's order does not leave the port
-    with pytest.raises(NoAnswer, match=r"took no bytes for 0\.03 s"):
-        homed.stop()
-    homed._transport._outgoing._turn.release()
-    last = homed._transport.transcript.last()[-1]
-    assert (last.way, last.data) == ("!", b"\n/0 0 estop\n")
-    assert not homed.condition().usable
-
-
 def test_axes_move_together(homed, bench):
     begin_s = bench.clock.now_s()
     homed.move_to(pan_deg=0.0, tilt_deg=0.0)
@@ -180,16 +121,3 @@ def test_a_question_is_asked_three_times(homed, bench):
         with pytest.raises(NoAnswer):
             ask()
         assert len(sent(homed)) == before + 3
-
-
-def test_a_stop_is_repeated_while_an_axis_refuses_to_report(homed, monkeypatch):
-    state, refusals = homed._state, [Rejected("device 1 refused", "look", "BADDATA")] * 2
-
-    def refuse(axis):
-        if refusals:
-            raise refusals.pop()
-        return state(axis)
-
-    monkeypatch.setattr(homed, "_state", refuse)
-    homed.stop()
-    assert sent(homed).count(b"/0 0 stop\n") == 4

@@ -2,7 +2,6 @@
 
 import asyncio
 import io
-import os
 import time
 from collections import Counter
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from station.app.screens.guide import GuideScreen
 from station.cli.guide import Watched
 from station.guide.workspace import StationLab
 from station.sessions.reader import read_session
+from tests.benchmarks import processor_s
 from tests.station.app.driving import Driver
 
 MAX_PROMPTS = 400
@@ -123,11 +123,6 @@ def walk(plan: str, seed: int, frontend: str, folder: Path) -> Walk:
     verdict = state.results[-1].verdict if state is not None and state.results else ""
     ended = None if state is None else state.ended
     return Walk(session, ended, verdict, prompts.asked.total(), transcript, processor_s() - began_s, view)
-
-
-def processor_s() -> float:
-    """Processor time of this process and of the children that have ended."""
-    return sum(os.times()[:4])
 
 
 def walk_plain(lab: StationLab, plan: str) -> tuple[Prompts, str]:

@@ -3,21 +3,15 @@
 import os
 import random
 import signal
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
 from simulators.bench.bench import Setup, SimulatedBench
-from station.bench.opening import simulated_tables
-from station.common.toml_text import toml_text
 from tests.benchmarks import stops
+from tests.end_to_end.conftest import on_ports
 
-ROOT = Path(__file__).resolve().parents[2]
 PATIENCE_S = 180.0
 """How long a program may take to end, on a machine that has much else to do."""
-ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")]
 
 
@@ -25,10 +19,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.skipif(not hasattr(os, "openpty"), r
 def bench(tmp_path):
     """A rail and a shutter on pseudo-terminals, in real time, and the station.toml of them."""
     bench = SimulatedBench(tmp_path, Setup(develop=lambda opening: b""))
-    ports = bench.open_ports(["stage", "shutter"])
-    tables = simulated_tables(lambda name: ports[name][0] if name in ports else "", tmp_path)
-    used = {name: tables[name] for name in ("stage", "shutter", "camera")}
-    (tmp_path / "station.toml").write_text(toml_text({"devices": used}))
+    on_ports(bench, tmp_path)
     yield bench
     bench.close()
 
@@ -37,16 +28,8 @@ def bench(tmp_path):
 @pytest.mark.parametrize(
     "number", ["SIGINT", "SIGHUP", *(pytest.param(one, marks=pytest.mark.nightly) for one in ("SIGTERM", "SIGQUIT"))]
 )
-def test_a_signal_during_homing_stops_and_says_so(bench, tmp_path, number, start_program, read_until):
-    words = ["--plain", "--config", tmp_path / "station.toml", "--sessions", tmp_path / "kept"]
-    program = start_program(
-        [sys.executable, "-m", "station", *words], cwd=ROOT, env=ENVIRONMENT, text=True,
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-    )  # fmt: skip
-    program.stdin.write("\n" * 20)
-    program.stdin.flush()
-    read_until(program.stdout, "homing: keep clear")
-    axis = bench.world.axes["z_mm"]
+def test_a_signal_during_homing_stops_and_says_so(bench, number, homing_program):
+    program, axis = homing_program, bench.world.axes["z_mm"]
     while not axis.moves(bench.clock.now_s()):
         assert program.poll() is None
     program.send_signal(getattr(signal, number))

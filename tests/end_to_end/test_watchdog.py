@@ -2,19 +2,14 @@
 
 import os
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
 
 from simulators.bench.bench import Setup, SimulatedBench
-from station.bench.opening import simulated_tables
-from station.common.toml_text import toml_text
+from tests.end_to_end.conftest import on_ports
 
-ROOT = Path(__file__).resolve().parents[2]
-ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
 PATIENCE_S = 60.0
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(not hasattr(os, "openpty"), reason="no pseudo-terminals here")]
 
@@ -47,28 +42,13 @@ class Recorded(SimulatedBench):
 @pytest.fixture
 def bench(tmp_path):
     bench = Recorded(tmp_path)
-    ports = bench.open_ports(["stage", "shutter"])
-    tables = simulated_tables(lambda name: ports[name][0] if name in ports else "", tmp_path)
-    used = {name: tables[name] for name in ("stage", "shutter", "camera")}
-    used["watchdog"] = {"driver": "strig_watchdog", "box": "shutter", "stages": ["stage"]}
-    (tmp_path / "station.toml").write_text(toml_text({"devices": used}))
+    on_ports(bench, tmp_path, watchdog={"driver": "strig_watchdog", "box": "shutter", "stages": ["stage"]})
     yield bench
     bench.close()
 
 
-def test_the_motors_are_released_while_the_program_is_suspended(bench, tmp_path):
-    words = ["--plain", "--config", tmp_path / "station.toml", "--sessions", tmp_path / "kept"]
-    program = subprocess.Popen(
-        [sys.executable, "-m", "station", *map(str, words)], cwd=ROOT, env=ENVIRONMENT, text=True,
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-    )  # fmt: skip
-    assert program.stdin is not None
-    assert program.stdout is not None
-    program.stdin.write("\n" * 20)
-    program.stdin.flush()
-    axis, seen = bench.world.axes["z_mm"], ""
-    while "homing: keep clear" not in seen:
-        seen += program.stdout.read(1)
+def test_the_motors_are_released_while_the_program_is_suspended(bench, homing_program, read_until):
+    program, axis = homing_program, bench.world.axes["z_mm"]
     while not (bench.enabled and axis.moves(bench.clock.now_s()) and bench.beats):
         assert program.poll() is None
         time.sleep(0.001)
@@ -80,10 +60,7 @@ def test_the_motors_are_released_while_the_program_is_suspended(bench, tmp_path)
     assert 0.1 - 1e-6 <= released_s - bench.beats[-1] <= 0.15
     assert not axis.moves(bench.clock.now_s())
     program.send_signal(signal.SIGCONT)
-    while "released the motors: no heartbeat of this program came in time" not in seen:
-        one = program.stdout.read(1)
-        assert one, seen
-        seen += one
+    read_until(program.stdout, "released the motors: no heartbeat of this program came in time")
     program.send_signal(signal.SIGTERM)
     program.communicate(timeout=PATIENCE_S)
     assert not axis.moves(bench.clock.now_s())

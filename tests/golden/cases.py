@@ -12,13 +12,12 @@ import numpy as np
 
 from drivers.dng import Shot, write_dng
 from procedures import Chart, GeometryParameters, Outcome, Verdict, write_field
-from procedures.tilt.estimate import Tilt
-from procedures.tilt.plane import Screws, fit_plane, turns_for
 from simulators.bench.demonstration import EXPOSURE_S, ISO, Staging, stage
 from simulators.camera.sensor import Sensor
 from station.calibration.geometry import GeometryPhotographs, ViewRecord, conclude
 from station.calibration.geometry_files import geometry_measurement
 from station.calibration.tilt import tilt_measurement
+from station.demo.small_inputs import defocused, six_charts, tilted_sensor
 from station.procedure.builtin.geometry import CameraGeometry
 from station.procedure.schema import procedure_named
 from station.results.measurement import write_measurement
@@ -31,10 +30,11 @@ from tests.procedures.correction.small_lens import grey as grey_photograph
 from tests.procedures.geometry.simulated_views import CELL_MM, Shoot, TrueCamera, take
 from tests.procedures.two_photo.wall import gaussian, photographs
 from tests.station.cli.test_rig import write as write_rig_cameras
-from tests.station.manual.conftest import defocused, edge_levels, render_samples, six_charts
+from tests.station.manual.conftest import edge_levels, render_samples
 
 Words = Sequence[object]
 OUT = "out"
+TRUE_CAMERA = TrueCamera(radial=(-0.12, 0.06, 0.0), thin_prism=(0.0, 0.0, 0.0, 0.0))
 
 
 def chart_photograph(path: Path, seed: int) -> Path:
@@ -83,7 +83,7 @@ def two_photo(folder: Path) -> Words:
 def field(folder: Path) -> Words:
     """Six charts in one frame."""
     (folder / "frames").mkdir()
-    cv2.imwrite(str(folder / "frames" / "charts.pgm"), six_charts())
+    save(folder / "frames" / "charts.pgm", six_charts())
     return "psf", "field", folder / "frames", "--certificate"
 
 
@@ -95,13 +95,12 @@ def edge(folder: Path) -> Words:
 
 def geometry_shoot() -> GeometryPhotographs:
     """Six views of a known camera, their charts' points drawn by formulas, and an unusable photograph."""
-    truth = TrueCamera(radial=(-0.12, 0.06, 0.0), thin_prism=(0.0, 0.0, 0.0, 0.0))
-    taken = take(Shoot(truth, count=6, print_mm=0.02, bend_mm=0.2), np.random.default_rng(12))
+    taken = take(Shoot(TRUE_CAMERA, count=6, print_mm=0.02, bend_mm=0.2), np.random.default_rng(12))
     good = [
         ViewRecord(Path(f"{view.source}.dng"), f"{n:064}", view, Verdict.PASS) for n, view in enumerate(taken.views)
     ]
     bad = ViewRecord(Path("dark.dng"), "1" * 64, None, Verdict.REFUSED, "the photograph is too dark", "expose longer")
-    return GeometryPhotographs("G1", truth.size, (*good, bad))
+    return GeometryPhotographs("G1", TRUE_CAMERA.size, (*good, bad))
 
 
 def geometry(folder: Path) -> None:
@@ -119,44 +118,37 @@ def rig(folder: Path) -> Words:
     return "rig", *write_rig_cameras(folder)
 
 
-def sensor(folder: Path) -> Words:
-    """A ladder of light, a dark and a flat stack as RAW files."""
-    simulated, rng = (
-        Sensor(rows=64, columns=80, prnu=0.01, read_noise_e=12.0, gain_e_per_dn=2.6),
-        np.random.default_rng(4),
-    )
-    times_s = np.linspace(0.003, 0.141, 16)
+def shoot_sensor(folder: Path, simulated: Sensor, levels: int, stack: int) -> Path:
+    """A ladder of light, a dark and a flat stack as RAW files; full well, and 14 bits, are reached at 0.07 s."""
+    rng, times_s = np.random.default_rng(4), np.linspace(0.003, 0.141, levels)
 
     def shoot(kind: str, name: str, exposure_s: float) -> None:
-        (folder / "shoot" / kind).mkdir(parents=True, exist_ok=True)
-        light = np.full((64, 80), float(kind == "light"))
+        (folder / kind).mkdir(parents=True, exist_ok=True)
+        light = np.full((simulated.rows, simulated.columns), float(kind == "light"))
         mosaic = simulated.expose(light, 40000 / 0.07 * exposure_s, rng)
-        path = folder / "shoot" / kind / f"{name}.dng"
+        path = folder / kind / f"{name}.dng"
         write_dng(path, mosaic, Shot(exposure_s=exposure_s), cfa="RGGB", black=(512,) * 4, white=16383)
 
     for at, exposure_s in enumerate(times_s):
         for which in "ab":
             shoot("light", f"{at:02d}{which}", float(exposure_s))
-    for n in range(16):
+    for n in range(stack):
         shoot("light", f"flat{n:02d}", float(times_s[6]))
         shoot("dark", f"dark{n:02d}", float(times_s[6]))
     for n in range(2):
         shoot("dark", f"short{n}", float(times_s[0]))
-    return "sensor", folder / "shoot", "--plane", "G1"
+    return folder
 
 
-def known_tilt() -> Tilt:
-    """A plane and a curvature of known numbers, and the screws that lay it level."""
-    places = np.array([(x, y) for y in (-10.0, 0.0, 10.0) for x in (-15.0, 0.0, 15.0)])
-    x, y = places.T
-    plane = fit_plane(places, 2 + 1.5 * x - 0.5 * y + 0.02 * x**2, np.eye(9), (36.0, 24.0))
-    screws = Screws(first_deg=30.0)
-    return Tilt(plane, np.zeros(9), screws, turns_for(plane, screws, with_focus=True), True)
+def sensor(folder: Path) -> Words:
+    """The ladder and stacks of a sensor."""
+    simulated = Sensor(rows=64, columns=80, prnu=0.01, read_noise_e=12.0, gain_e_per_dn=2.6)
+    return "sensor", shoot_sensor(folder / "shoot", simulated, 16, 16), "--plane", "G1"
 
 
 def tilt(folder: Path) -> None:
     """The known tilt."""
-    found = Outcome(known_tilt())
+    found = Outcome(tilted_sensor())
     with ResultFolder(folder / OUT) as results:
         measured = tilt_measurement(RecordHead("tilt"), "G1", found)
         results.write("report.html", procedure_named("tilt").page(measured))
@@ -192,7 +184,7 @@ def rays(folder: Path) -> Words:
 def restoration(folder: Path) -> Words:
     """A wall of one depth, out of focus twice."""
     for number, sigma in ((1, 1.0), (2, 1.5)):
-        cv2.imwrite(str(folder / f"blurred_{number}.pgm"), defocused(sigma))
+        save(folder / f"blurred_{number}.pgm", defocused(sigma))
     words = "--blur", "defocus", "--shape", "gaussian", "--ratio", 1.5, "--max-w", 6
     return "restore", folder / "blurred_1.pgm", folder / "blurred_2.pgm", *words
 

@@ -8,7 +8,7 @@ from drivers.errors import BadConfiguration, EmergencyStopped, MoveFailed, NoAns
 from drivers.tmcl.link import library
 from drivers.tmcl.stage import TmclAxis
 
-from .orders import AXES, MST, MVP, RFS, STEP, datagram, orders, restart
+from .orders import AXES, MST, MVP, STEP, datagram, orders, restart
 
 # --- who is there
 
@@ -71,15 +71,6 @@ def test_what_makes_a_position_doubtful_is_reported(homed, module, number, value
 # --- stops between orders
 
 
-def test_after_a_stop_the_other_axis_is_not_sent(homed, module, after_an_order):
-    module.obeyed.clear()
-    after_an_order(MVP, 0, homed._mover.stop)
-    with pytest.raises(MoveFailed, match="stopped before all axes"):
-        homed.move_to(z_mm=10.0, x_mm=10.0)
-    assert orders(module, MVP) == [0]
-    assert not homed.moving()
-
-
 def test_after_an_emergency_stop_the_other_axis_is_not_sent(homed, module, after_an_order, bench):
     module.obeyed.clear()
     after_an_order(MVP, 0, lambda: homed.trust.preempt(EmergencyStopped("emergency stop", "home the stage")))
@@ -88,16 +79,6 @@ def test_after_an_emergency_stop_the_other_axis_is_not_sent(homed, module, after
     assert orders(module, MVP) == [0]
     assert not homed.moving()
     assert homed.position()["x_mm"] == pytest.approx(100.0)
-
-
-def test_after_a_stop_the_other_axis_does_not_search(homed, module, after_an_order):
-    module.obeyed.clear()
-    after_an_order(RFS, 0, homed._mover.stop)
-    with pytest.raises(MoveFailed, match="stopped before all axes"):
-        homed.home()
-    assert orders(module, RFS, 0) == [0]
-    assert not homed.moving()
-    assert not homed.condition().usable
 
 
 def test_an_emergency_stop_ends_a_search_that_a_stop_of_the_motor_does_not(homed, bench, module):
@@ -140,18 +121,6 @@ def test_an_axis_that_homed_to_a_place_outside_its_travel_is_stopped_before_that
         stage.home()
     bench.clock.sleep(0.1)
     assert not stage.moving()
-
-
-def test_an_axis_that_stands_still_on_its_way_is_stopped_before_that_is_reported(homed, module, monkeypatch):
-    parameter = module.motors[0].parameter
-    frozen = {1: 32_000, 3: 0}  # where it was, and no speed
-    monkeypatch.setattr(
-        module.motors[0], "parameter", lambda number, now_s: frozen.get(number, parameter(number, now_s))
-    )
-    with pytest.raises(MoveFailed, match="stopped at 100"):
-        homed.move_to(z_mm=0.0)
-    assert set(orders(module, MST)) == {0, 1}
-    assert set(orders(module, RFS, 1)) == {0, 1}
 
 
 # --- power cut and back
@@ -221,23 +190,3 @@ def test_a_module_that_keeps_no_variables_is_flagged(make, module):
 
 
 # --- a stop where nobody answers
-
-
-def test_a_stop_is_sent_past_a_request_that_is_not_answered(homed):
-    line = homed._link._transport
-    line._busy = True  # somebody waits for an answer
-    with pytest.raises(NoAnswer):
-        homed.stop()
-    line._busy = False
-    assert [one.data for one in line.transcript.last() if one.way == ">"][-1] == homed.stop_bytes
-    homed.move_to(z_mm=50.0)  # the line is in step again, and the position is kept
-
-
-def test_a_port_that_does_not_take_the_stop_gets_an_emergency_stop(homed):
-    line = homed._link._transport
-    line._outgoing._turn.acquire()  # somebody's order does not leave the port
-    with pytest.raises(NoAnswer, match=r"took no bytes for 0\.03 s"):
-        homed.stop()
-    line._outgoing._turn.release()
-    assert line.transcript.last()[-1].way == "!"
-    assert not homed.condition().usable

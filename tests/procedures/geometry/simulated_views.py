@@ -142,16 +142,19 @@ def apart(camera, truth: TrueCamera, margin: float = 0.0125) -> np.ndarray:
     """
     w, h = truth.size
     x, y = np.meshgrid(np.linspace(margin, 1 - margin, 40) * (w - 1), np.linspace(margin, 1 - margin, 27) * (h - 1))
-    pixels = np.column_stack([x.ravel(), y.ravel()])
-    rays = truth.rays(pixels)
-    turn = np.zeros(3)
-    for _ in range(5):
+    return aligned(camera, truth, np.column_stack([x.ravel(), y.ravel()]))
+
+
+def aligned(camera, truth, pixels: np.ndarray) -> np.ndarray:
+    """Projection error (n, 2) of a camera at pixels (n, 2) of the true one, up to the best rotation."""
+    rays, turn = truth.rays(pixels), np.zeros(3)
+    for _ in range(6):
         turned = Rotation.from_rotvec(turn).apply(rays)
         error = camera.project(turned) - pixels
         nudged = [camera.project(Rotation.from_rotvec(turn + 1e-6 * axis).apply(rays)) for axis in np.eye(3)]
         J = (np.stack(nudged, axis=-1) - camera.project(turned)[..., None]) / 1e-6
         turn = turn - np.linalg.lstsq(J.reshape(-1, 3), error.ravel(), rcond=None)[0]
-    return camera.project(Rotation.from_rotvec(turn).apply(rays)) - pixels
+    return error
 
 
 def fixed_to_charts(camera, poses, taken: Taken, truth: TrueCamera, pixels: np.ndarray, distance_mm: float):

@@ -12,7 +12,7 @@ from procedures.numbers import MTF50_HORIZONTAL
 from procedures.outcome import BadParameter, Outcome, Quantity, Verdict
 from procedures.pattern_psf.corruptions import PRINT_UNKNOWN, PRINTED_DOTS, print_prior
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
-from tests.benchmarks.adversarial import CORRUPTIONS, photograph
+from tests.benchmarks.adversarial import CORRUPTIONS, Corruption, edge_directed, photograph, unsharp
 
 from .analytic_camera import View, circular, light, mtf50
 
@@ -37,25 +37,15 @@ def picture(scene: Array, rng: np.random.Generator) -> Array:
     return rng.poisson(scene * ELECTRONS) / ELECTRONS
 
 
-def thresholded(x: Array) -> Array:
-    detail = mask(x, 1.0)
-    return x + 0.3 * np.where(np.abs(detail) > 0.025, detail, 0)
-
-
-def smoothed_along_edges(x: Array) -> Array:
-    """One step of curvature flow, and grain that hides it in the noise's spectrum."""
-    gy, gx = np.gradient(cv2.GaussianBlur(x, (0, 0), 0.7))
-    gxy, gxx = np.gradient(np.gradient(x, axis=1))
-    gyy = np.gradient(np.gradient(x, axis=0), axis=0)
-    flow = (gy**2 * gxx - 2 * gx * gy * gxy + gx**2 * gyy) / (gx**2 + gy**2 + 1e-5)
-    return x + 0.2 * flow + 0.007 * np.random.default_rng(0).standard_normal(x.shape)
+def processed(corruption: Corruption) -> Callable[[Array], Array]:
+    return lambda x: corruption.process(x, ELECTRONS**-0.5, np.random.default_rng(0))
 
 
 PROCESSED: dict[str, tuple[Callable[[Array], Array], str]] = {
     "median": (lambda x: 0.7 * x + 0.3 * cv2.medianBlur(x.astype(np.float32), 3), "denoised"),
-    "along edges": (smoothed_along_edges, "denoised"),
+    "along edges": (processed(edge_directed(1, 0.64)), "denoised"),
     "moved": (lambda x: cv2.warpAffine(x, np.float32([[1, 0, 0.3], [0, 1, 0.3]]), x.shape[::-1]), "resampled"),
-    "sharpened above a threshold": (thresholded, "strong detail is sharpened more"),
+    "sharpened above a threshold": (processed(unsharp(0.3, 1.0, 2.2)), "strong detail is sharpened more"),
     "sharpened widely": (lambda x: x + 0.2 * mask(x, 6.0), "was sharpened"),
 }  # fmt: skip
 

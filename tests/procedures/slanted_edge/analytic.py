@@ -16,6 +16,8 @@ from scipy.interpolate import CubicSpline
 
 from procedures.raw import Plane
 
+from ..pattern_psf.analytic_camera import circular
+
 Array = npt.NDArray[np.float64]
 
 BLACK, WHITE = 0.08, 0.8
@@ -40,13 +42,9 @@ class Camera:
 
     def otf(self, f: Array, angle_deg: float) -> Array:
         """OTF along the normal of an edge at an angle from the columns."""
-        v = np.clip(np.abs(f) / self.cutoff, 0, 1)
-        lens = 2 / np.pi * (np.arccos(v) - v * np.sqrt(1 - v * v))
         x, y = f * np.cos(np.radians(angle_deg)), f * np.sin(np.radians(angle_deg))
-        pixel = np.sinc(self.fill * x) * np.sinc(self.fill * y)
-        blur = np.exp(-2 * (np.pi * f * self.blur_px) ** 2)
         mask = 1 + self.sharpening * (1 - np.exp(-2 * (np.pi * f * self.halo_px) ** 2))
-        return np.asarray(lens * pixel * blur * mask)
+        return np.asarray(circular(self.cutoff, fill=self.fill, blur_px=self.blur_px)(x, y) * mask)
 
     def mtf50(self, angle_deg: float) -> float:
         """Frequency at which |OTF| first falls to one half."""

@@ -17,6 +17,7 @@ from procedures.slanted_edge.estimate import EdgeOutcome, estimate_edge
 from procedures.slanted_edge.evidence import HALO_PX, WIDE_PX, Evidence, _fall, _Samples
 from procedures.slanted_edge.transfer import FREQUENCIES
 
+from ..pattern_psf.damage import demosaiced
 from .analytic import Array, Camera, edge
 
 CAMERA = Camera(2.0, blur_px=0.6)
@@ -37,13 +38,6 @@ def measured(samples: Array, *, raw: bool = False) -> EdgeOutcome:
     return estimate_edge(plane, Roi.whole(plane.samples))
 
 
-def demosaicked(x: Array) -> Array:
-    y, column = np.indices(x.shape)
-    near = np.pad(x, 1, mode="reflect")
-    mean = (near[:-2, 1:-1] + near[2:, 1:-1] + near[1:-1, :-2] + near[1:-1, 2:]) / 4
-    return np.where((y + column) % 2, mean, x)
-
-
 def unsharp(amount: float, radius_px: float) -> Callable[[Array], Array]:
     return lambda x: x + amount * (x - gaussian_filter(x, radius_px))
 
@@ -51,7 +45,7 @@ def unsharp(amount: float, radius_px: float) -> Callable[[Array], Array]:
 PROCESSED: dict[str, tuple[Callable[[Array], Array], str]] = {
     "sharpened": (unsharp(0.5, 1.0), "anticorrelated"),
     "sharpened widely": (unsharp(0.2, 3.0), "no light is negative"),
-    "demosaicked": (demosaicked, "denoised, resampled or demosaicked"),
+    "demosaicked": (demosaiced(2), "denoised, resampled or demosaicked"),
     "enlarged": (lambda x: cv2.resize(x, None, fx=1.5, fy=1.5), "denoised, resampled or demosaicked"),
     "moved": (lambda x: cv2.warpAffine(x, np.float32([[1, 0, 0.3], [0, 1, 0.3]]), x.shape[::-1]), "resampled"),
     "gamma": (lambda x: np.maximum(x, 0) ** (1 / 2.4), "as a tone curve"),

@@ -1,41 +1,28 @@
 """Damaged copies of a good pair, as by changes between two photographs or inside a camera, and rotated light."""
 
-from collections.abc import Callable
-
 import cv2
 import numpy as np
 import scipy.fft
 
+from ..pattern_psf.damage import Array, Change, denoised, halved, rounded, sharpened, soft
 from .endless import RIM_PX, TEXELS, photographs, pink
 from .wall import Otf, Pair
-
-Array = np.ndarray
-Change = Callable[[Array], Array]
-
-
-def softened(sigma_px: float) -> Change:
-    return lambda x: cv2.GaussianBlur(x, (0, 0), sigma_px)
 
 
 def half_softened(sigma_px: float) -> Change:
     def change(x: Array) -> Array:
-        soft = cv2.GaussianBlur(x, (0, 0), sigma_px)
-        soft[:, : x.shape[1] // 2] = x[:, : x.shape[1] // 2]
-        return soft
+        half = soft(x, sigma_px)
+        half[:, : x.shape[1] // 2] = x[:, : x.shape[1] // 2]
+        return half
 
     return change
-
-
-def sharpened(amount: float) -> Change:
-    """Unsharp mask, one pixel wide."""
-    return lambda x: x + np.float32(amount) * (x - cv2.GaussianBlur(x, (0, 0), 1.0))
 
 
 def with_gradient(share: float) -> Change:
     """Add the picture's gradient along x, relative to its contrast, like light from the side on relief."""
 
     def change(x: Array) -> Array:
-        gradient = np.gradient(cv2.GaussianBlur(x, (0, 0), 0.5), axis=1)
+        gradient = np.gradient(soft(x, 0.5), axis=1)
         return x + share * gradient * x.std() / gradient.std()
 
     return change
@@ -67,20 +54,14 @@ def moved(length_px: float) -> Change:
     return change
 
 
-def halved(x: Array) -> Array:
-    """Reduced to half the size and enlarged again."""
-    small = cv2.resize(x, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-    return cv2.resize(small, x.shape[::-1], interpolation=cv2.INTER_CUBIC)
-
-
 BOTH, NEAR, FAR = (True, True), (True, False), (False, True)
 CHANGES: dict[str, tuple[Change, tuple[tuple[bool, bool], ...]]] = {
-    "softened 0.3": (softened(0.3), (NEAR, FAR)),
-    "softened 0.45": (softened(0.45), (NEAR, FAR)),
-    "softened 0.6": (softened(0.6), (NEAR, FAR)),
+    "softened 0.3": (lambda x: soft(x, 0.3), (NEAR, FAR)),
+    "softened 0.45": (lambda x: soft(x, 0.45), (NEAR, FAR)),
+    "softened 0.6": (lambda x: soft(x, 0.6), (NEAR, FAR)),
     "half softened 0.7": (half_softened(0.7), (NEAR, FAR)),
-    "sharpened 0.3": (sharpened(0.3), (NEAR, FAR, BOTH)),
-    "sharpened 1": (sharpened(1.0), (NEAR, FAR, BOTH)),
+    "sharpened 0.3": (sharpened(0.3, 1.0), (NEAR, FAR, BOTH)),
+    "sharpened 1": (sharpened(1.0, 1.0), (NEAR, FAR, BOTH)),
     "gradient 0.1": (with_gradient(0.1), (NEAR, FAR)),
     "gradient 0.3": (with_gradient(0.3), (NEAR, FAR)),
     "JPEG 70": (compressed(70), (NEAR, FAR, BOTH)),
@@ -94,10 +75,10 @@ CHANGES: dict[str, tuple[Change, tuple[tuple[bool, bool], ...]]] = {
     "black crushed": (lambda x: np.maximum(x - np.percentile(x, 10), 0), (NEAR, FAR, BOTH)),
     "noisy 0.02": (lambda x: x + np.random.default_rng(0).normal(0, 0.02, x.shape), (NEAR, FAR, BOTH)),
     "halved": (halved, (NEAR,)),
-    "median": (lambda x: cv2.medianBlur(x, 3), (NEAR, FAR)),
-    "smoothed": (lambda x: cv2.bilateralFilter(x, 5, 0.05, 1.5), (NEAR, FAR)),
+    "median": (denoised("median"), (NEAR, FAR)),
+    "smoothed": (denoised("bilateral"), (NEAR, FAR)),
     "shaded": (lambda x: x * (1 - 0.3 * np.linspace(0, 1, x.shape[1])), (NEAR, FAR)),
-    "six bits": (lambda x: np.round(63 * x) / 63, (NEAR, FAR, BOTH)),
+    "six bits": (rounded(63), (NEAR, FAR, BOTH)),
 }
 """The change, and the photographs (near, far) it is applied to."""
 

@@ -10,8 +10,8 @@ from functools import lru_cache
 import numpy as np
 import scipy.fft
 from scipy.ndimage import map_coordinates
-from scipy.optimize import brentq
 
+from ..pattern_psf.analytic_camera import circular
 from .wall import Otf, Pair, leaves
 
 Array = np.ndarray
@@ -21,24 +21,7 @@ RIM_PX = 40
 """Near pixels of the wall beyond the near photograph on every side."""
 
 
-def camera(cutoff: float, *, fill: float = 1.0, blur_px: float = 0.0) -> Otf:
-    """A clear circular aperture, square photosites and a Gaussian blur; the cutoff in cycles per pixel."""
-
-    def otf(fx: Array, fy: Array) -> Array:
-        r = np.hypot(fx, fy)
-        v = np.clip(r / cutoff, 0, 1)
-        aperture = 2 / np.pi * (np.arccos(v) - v * np.sqrt(1 - v * v))
-        return aperture * np.sinc(fill * fx) * np.sinc(fill * fy) * np.exp(-2 * np.pi**2 * blur_px**2 * r * r)
-
-    return otf
-
-
-CAMERAS = {"f/2.8": camera(3.25), "f/5.6": camera(1.62, fill=0.9), "f/8": camera(1.14, blur_px=0.3)}
-
-
-def mtf50(otf: Otf) -> float:
-    """Frequency at which |OTF| is one half along x."""
-    return float(brentq(lambda f: otf(np.float64(f), np.float64(0)) - 0.5, 0.01, 0.99))
+CAMERAS = {"f/2.8": circular(3.25), "f/5.6": circular(1.62, fill=0.9), "f/8": circular(1.14, blur_px=0.3)}
 
 
 def mtf_nyquist(otf: Otf) -> float:

@@ -7,24 +7,21 @@ import numpy as np
 import pytest
 
 from procedures import Plane, TwoPhotoParameters, estimate_psf_of_pair
-from procedures.corruption.directions import mask
 from procedures.outcome import Verdict, causes_of
-from tests.benchmarks.adversarial import guided
+from tests.benchmarks.adversarial import guided, unsharp
 
 from .endless import CAMERAS, photographs
 
 Array = np.ndarray
 
 
-def thresholded(x: Array) -> Array:
-    detail = mask(x, 1.0)
-    return x + 0.4 * np.where(np.abs(detail) > 0.03, detail, 0)
-
-
 CHANGED: dict[str, tuple[Callable[[Array], Array], str]] = {
     "clean": (lambda x: x, ""),
     "median": (lambda x: 0.7 * x + 0.3 * cv2.medianBlur(x.astype(np.float32), 3), "unlike any image by a lens"),
-    "mask above a threshold": (thresholded, "strong detail is sharpened more"),
+    "mask above a threshold": (
+        lambda x: unsharp(0.4, 1.0, 5.0).process(x, 0.006, None),
+        "strong detail is sharpened more",
+    ),
     "ghost": (lambda x: 0.92 * x + 0.08 * cv2.GaussianBlur(x[::-1, ::-1], (0, 0), 3.0), "the lens reflects light"),
 }
 

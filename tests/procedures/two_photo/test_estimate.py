@@ -14,8 +14,9 @@ from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf, estim
 from procedures.two_photo.trust import check_settings
 
 from ..pattern_psf.alignment import aligned_error
+from ..pattern_psf.analytic_camera import circular
 from .conftest import OTF
-from .wall import Otf, Pair, airy_pixel, gaussian, photographs, samples_of
+from .wall import Otf, Pair, gaussian, photographs, samples_of
 from .wall import estimate as by_wall
 
 SLOW_FIXTURES = {"free", "positive"}
@@ -40,7 +41,7 @@ def free(pair: Pair) -> TwoPhotoPsf:
 WALLS = {
     "frontal": (gaussian(0.40, 0.40), 0.0, 0.002, 0.025),
     "tilted": (gaussian(0.42, 0.36), 0.08, 0.002, 0.025),
-    "airy": (airy_pixel(1.9), 0.03, 0.003, 0.055),
+    "airy": (circular(1.9), 0.03, 0.003, 0.055),
     "noisy": (gaussian(0.42, 0.42), 0.03, 0.012, 0.075),
 }
 

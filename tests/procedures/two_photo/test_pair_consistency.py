@@ -12,8 +12,9 @@ from procedures.two_photo.pair_consistency import beyond_light, light_turned, ne
 from procedures.two_photo.trust import COARSE_RESIDUAL, FINE_RESIDUAL, SMOOTHING, STREAKS
 from simulators.camera.sheets import leaves
 
+from ..pattern_psf.analytic_camera import circular, mtf50
 from .damage import damaged, relief
-from .endless import CAMERAS, camera, mtf50, photographs
+from .endless import CAMERAS, photographs
 from .wall import Otf, Pair, samples_of
 from .wall import estimate as by_wall
 
@@ -95,7 +96,7 @@ def test_the_near_photograph_s_own_blur_is_measured(pair: Pair) -> None:
     psf = true_psf(OTF)
     assert np.abs(near_spectrum(pair.near, psf).softness).max() < 0.02
     # its own optics twice, and a blur of 0.45 pixel across and 0.3 down
-    blurred = camera(1.62, fill=0.9)
+    blurred = circular(1.62, fill=0.9)
     soft = photographs(
         OTF,
         noise=0.004,
@@ -108,7 +109,7 @@ def test_the_near_photograph_s_own_blur_is_measured(pair: Pair) -> None:
 @pytest.mark.slow
 def test_a_sharpened_otf_is_not_one_of_light() -> None:
     assert beyond_light(true_psf(OTF)) == 0
-    assert beyond_light(true_psf(camera(3.25))) == 0
+    assert beyond_light(true_psf(circular(3.25))) == 0
 
     def sharpened(fx: np.ndarray, fy: np.ndarray) -> np.ndarray:
         return OTF(fx, fy) * (1 + 1.0 * (1 - np.exp(-2 * np.pi**2 * 1.5**2 * (fx**2 + fy**2))))

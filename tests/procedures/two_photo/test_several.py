@@ -5,7 +5,8 @@ from scipy.ndimage import gaussian_filter
 from procedures import BadParameter, Plane, Psf, TwoPhotoParameters, Verdict, estimate_psf_of_pair
 from procedures.two_photo.several import estimate_psf_of_wall, joined_psf, weights
 
-from .endless import CAMERAS, mtf50, photographs
+from ..pattern_psf.analytic_camera import mtf50
+from .endless import CAMERAS, photographs
 from .wall import samples_of
 
 SLOW_FIXTURES = {"wall"}

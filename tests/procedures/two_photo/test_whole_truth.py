@@ -6,7 +6,8 @@ import pytest
 from procedures.outcome import Outcome, Verdict, causes_of
 from procedures.two_photo.estimate import TwoPhotoParameters, TwoPhotoPsf
 
-from .endless import CAMERAS, camera, mtf50, mtf_nyquist, photographs
+from ..pattern_psf.analytic_camera import circular, mtf50
+from .endless import CAMERAS, mtf_nyquist, photographs
 from .wall import Pair
 from .wall import estimate as by_wall
 
@@ -40,11 +41,11 @@ def test_the_numbers_and_the_choice_are_of_the_whole_psf():
         assert abs(sigmas) < 3, number
         assert abs(off) < 0.02, number
     # the pixel of a colour plane is half as wide as its pitch: the MTF stays above 1/2 beyond one cycle per pixel
-    outcome = estimate(photographs(camera(6.5, fill=0.3), zoom=2.9, size=130, noise=0.002))
+    outcome = estimate(photographs(circular(6.5, fill=0.3), zoom=2.9, size=130, noise=0.002))
     assert outcome.verdict is Verdict.DOUBTFUL
     beyond = next(one for one in causes_of(outcome) if "MTF50 lies beyond the band of s = 2" in one.reason)
     assert "it needs s = 3" in beyond.remedy
-    outcome = estimate(photographs(camera(6.5, fill=0.3), zoom=4.4, size=110, noise=0.002))
+    outcome = estimate(photographs(circular(6.5, fill=0.3), zoom=4.4, size=110, noise=0.002))
     tried = outcome.result().choice
     assert [trial.s for trial in tried] == [3, 4]  # 4 is what the zoom allows
     assert "near the band's edge" in tried[0].reason

@@ -21,16 +21,6 @@ def gaussian(sigma_x: float, sigma_y: float) -> Otf:
     return lambda fx, fy: np.exp(-2 * np.pi**2 * ((sigma_x * fx) ** 2 + (sigma_y * fy) ** 2))
 
 
-def airy_pixel(cutoff: float) -> Otf:
-    """The OTF of a circular aperture and a square pixel."""
-
-    def otf(fx: Array, fy: Array) -> Array:
-        v = np.clip(np.hypot(fx, fy) / cutoff, 0, 1)
-        return 2 / np.pi * (np.arccos(v) - v * np.sqrt(1 - v * v)) * np.sinc(fx) * np.sinc(fy)
-
-    return otf
-
-
 def samples_of(otf: Otf, s: int, k: int) -> Array:
     """The PSF on the s grid, its band cut to s/2, sum 1."""
     f = np.fft.fftfreq(256) * s

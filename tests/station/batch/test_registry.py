@@ -14,8 +14,10 @@ import pytest
 from procedures.field import conclusion, measuring
 from procedures.field.maps import derive
 from procedures.outcome import Outcome
+from station.batch.run import batch_schema
 from station.calibration import geometry as geometry_module
 from station.calibration import tilt as tilt_module
+from station.demo.small_inputs import tilted_sensor
 from station.procedure.base import Settings
 from station.procedure.schema import BUILTIN, procedure_named, schema_of
 from tests.golden import cases
@@ -65,7 +67,7 @@ def tilt(folder: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     photographs(folder)
     (folder / "focus.csv").write_text("0.png,0\n1.png,0.1\n2.png,0.2\n")
     monkeypatch.setattr(measuring, "measure", lambda *given: SimpleNamespace(frames=[], misses=[]))
-    monkeypatch.setattr(tilt_module, "measure_tilt", lambda *given: Outcome(cases.known_tilt()))
+    monkeypatch.setattr(tilt_module, "measure_tilt", lambda *given: Outcome(tilted_sensor()))
     monkeypatch.setattr(tilt_module, "known_optics", lambda *given: (4.0, 50.0))
     monkeypatch.setattr(tilt_module, "check_known", lambda *given: None)
     return '[settings]\nfocus = "focus.csv"\nscrew_radius_mm = 30\nscrew_pitch_mm = 0.5\n'
@@ -140,6 +142,7 @@ def test_a_batch_measures_compares_records_draws_and_certifies(name, tmp_path, m
     words = ("batch", photographs, "--procedure", tmp_path / "p.toml", "--out", tmp_path / "out", "--reports", "--json")
     done = run(*words)
     batch = json.loads(done.stdout)
+    jsonschema.validate(batch, batch_schema(), jsonschema.Draft202012Validator)
     assert (batch["procedure"], batch["photographs"], batch["specification_verdicts"]) == (name, 1, {"meets": 1})
     (folder,) = (tmp_path / "out" / "results").iterdir()
     record = json.loads((folder / "result.json").read_text(encoding="utf-8"))

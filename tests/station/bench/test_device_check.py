@@ -6,106 +6,37 @@ import tomllib
 import pytest
 
 from drivers.errors import BadConfiguration
+from station.bench.device_models import BUILTIN, options_of
 from station.bench.opening import make_bench, read_config
+from station.common.models import fields_of, is_model
 from station.common.toml_text import line_of
 from tests.program import run
 
-GOOD = {
-    "stage": {
-        "driver": '"grbl"',
-        "port": '"/dev/a"',
-        "baud": "115200",
-        "poll_s": "0.2",
-        "reset_on_open": '"expect"',
-        "axes": {
-            "name": '"z_mm"',
-            "letter": '"X"',
-            "feed_per_min": "3000",
-            "origin": "-1.5",
-            "direction": "-1",
-            "travel": "300",
-            "space": "[-300, 0]",
-        },
-    },
-    "head": {
-        "driver": '"zaber"',
-        "port": '"/dev/b"',
-        "baud": "115200",
-        "poll_s": "0.1",
-        "axes": {
-            "name": '"pan_deg"',
-            "device": "1",
-            "axis": "1",
-            "unit_per_step": "0.0002",
-            "zero": "-30",
-            "speed_per_s": "10",
-        },
-    },
-    "shutter": {"driver": '"strig"', "port": '"/dev/c"', "baud": "115200"},
-    "camera": {
-        "driver": '"folder"',
-        "folder": '"incoming"',
-        "shutter": '"shutter"',
-        "pulse_s": "0.1",
-        "bulb": "false",
-        "rest_s": "0.5",
-        "patience_s": "20",
-        "focus_s": "0",
-        "poll_s": "0.1",
-    },
-    "tether": {"driver": '"gphoto"', "folder": '"in"', "model": '"EOS"', "port": '"usb:001,004"', "shutter": '"relay"'},
-    "relay": {"driver": '"relay"', "on": '"stage"'},
-    "fast": {"driver": '"fast"', "port": '"/dev/d"', "baud": "115200", "full_scale_g": "8", "full_scale_deg_s": "500"},
-    "light": {"driver": '"dmx"', "port": '"/dev/e"', "channels": "[1, 2]", "warm_up_s": "60", "pwm_hz": "0"},
-    "microscope": {
-        "driver": '"micromanager_stage"',
-        "config": '"a.cfg"',
-        "adapters": '"/opt/mm"',
-        "patience_s": "60",
-        "axes": {
-            "name": '"x_mm"',
-            "device": '"XY"',
-            "part": '"x"',
-            "travel": "[0, 100]",
-            "zero": "-1",
-            "unit_per_um": "0.001",
-            "direction": "-1",
-            "homes": "false",
-            "tolerance": "0.01",
-        },
-    },
-    "door": {"driver": '"micromanager_shutter"', "config": '"a.cfg"', "device": '"Door"'},
-    "scope_camera": {
-        "driver": '"micromanager_camera"',
-        "config": '"a.cfg"',
-        "device": '"Cam"',
-        "folder": '"in"',
-        "mosaic": '"RGGB"',
-        "f_number": "4",
-        "focal_length_mm": "25",
-        "lens": '"L"',
-        "pixel_pitch_um": "3.45",
-        "black": "0",
-    },
-    "machine_vision": {
-        "driver": '"genicam"',
-        "camera": '"192.168.1.20"',
-        "folder": '"in"',
-        "pixel_format": '"BayerRG12p"',
-        "gain_db": "-1.5",
-        "patience_s": "5",
-        "f_number": "4",
-    },
-    "shaker": {
-        "driver": '"strig_shaker"',
-        "box": '"shutter"',
-        "axes": {"name": '"x_mm"', "channel": "0", "stroke": "2.0", "direction": "-1"},
-    },
-    "watchdog": {"driver": '"strig_watchdog"', "box": '"shutter"', "stages": '["stage"]'},
-    "lamp": {"driver": '"grbl_light"', "on": '"stage"', "warm_up_s": "0.5"},
-    "node": {"driver": '"artnet"', "host": '"192.168.1.30"'},
-    "dome": {"driver": '"alpaca_light"', "server": '"127.0.0.1:11111"', "switch": "0"},
-}
+DEVICES = {
+    "stage": "grbl", "head": "zaber", "shutter": "strig", "camera": "folder", "tether": "gphoto", "relay": "relay",
+    "fast": "fast", "light": "dmx", "microscope": "micromanager_stage", "door": "micromanager_shutter",
+    "scope_camera": "micromanager_camera", "machine_vision": "genicam", "shaker": "strig_shaker",
+    "watchdog": "strig_watchdog", "lamp": "grbl_light", "node": "artnet", "dome": "alpaca_light",
+}  # fmt: skip
+DEVICES |= {driver: driver for driver in BUILTIN if driver not in DEVICES.values()}
+"""A device of every driver, all of its options as their examples have them."""
+
+
+def examples(model):
+    written = {one.name: examples(one.kind) if is_model(one.kind) else one.example for one in fields_of(model)}
+    return {name: value for name, value in written.items() if value}
+
+
+def good(name, driver):
+    table = {"driver": f'"{driver}"', **examples(options_of(driver))}
+    if "on" in table:
+        del table["port"]
+    elif "port" in table:
+        table["port"] = f'"/dev/{name}"'
+    return table
+
+
+GOOD = {name: good(name, driver) for name, driver in DEVICES.items()}
 
 NO_NUMBER = ['"fast"', "true", "nan", "inf", "[1]", "{a = 1}"]
 ABOVE_0 = ["0", "-1", *NO_NUMBER]

@@ -107,15 +107,6 @@ def test_relay_and_light_may_share_the_stages_controller(bench, tmp_path):
     shared.close()
 
 
-@pytest.mark.parametrize(
-    ("text", "complaint"),
-    [("", "configures no devices"), ("devices = 3", "configures no devices"), ("[devices.stage", "is not valid TOML")],
-)
-def test_a_file_that_configures_nothing_is_refused(tmp_path, text, complaint):
-    with pytest.raises(BadConfiguration, match=complaint):
-        read_config(written(tmp_path, text))
-
-
 def test_a_file_that_is_not_there_is_refused(tmp_path):
     with pytest.raises(BadConfiguration, match="write one, or use --simulate"):
         read_config(tmp_path / "station.toml")

@@ -23,29 +23,24 @@ from station.batch.procedure_file import read_procedure
 from station.calibration.exports import mrcal
 from station.calibration.exports.geometry import export_camera
 from station.calibration.folder_photographs import by_folder, find_frames
-from station.calibration.geometry import GeometryPhotographs, PlaneGeometry, ViewRecord, conclude
+from station.calibration.geometry import GeometryPhotographs, PlaneGeometry, conclude
 from station.calibration.geometry_files import geometry_measurement
 from station.calibration.stored_cameras import StoredCamera, read_camera, read_rig_camera
 from station.procedure.builtin.geometry import CameraGeometry
 from station.results.measurement import write_measurement
 from station.results.record_head import RecordHead, files_read
 from station.results.result_files import ResultFolder
-from tests.procedures.geometry.simulated_views import CELL_MM, TrueCamera, take
+from tests.golden.cases import TRUE_CAMERA, geometry_shoot
+from tests.procedures.geometry.simulated_views import CELL_MM, take
 from tests.procedures.geometry.simulated_views import Shoot as Photographed
 from tests.program import run
 
 SLOW_FIXTURES = {"outcome"}
-TRUTH = TrueCamera(radial=(-0.12, 0.06, 0.0), thin_prism=(0.0, 0.0, 0.0, 0.0))
 
 
 @pytest.fixture(scope="module")
 def shoot() -> GeometryPhotographs:
-    taken = take(Photographed(TRUTH, count=6, print_mm=0.02, bend_mm=0.2), np.random.default_rng(12))
-    good = [
-        ViewRecord(Path(f"{view.source}.dng"), f"{n:064}", view, Verdict.PASS) for n, view in enumerate(taken.views)
-    ]
-    bad = ViewRecord(Path("dark.dng"), "1" * 64, None, Verdict.REFUSED, "the photograph is too dark", "expose longer")
-    return GeometryPhotographs("G1", TRUTH.size, (*good, bad))
+    return geometry_shoot()
 
 
 @pytest.fixture(scope="module")
@@ -120,7 +115,7 @@ def test_opencv_reads_its_file(result, tmp_path):
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
     K, distortion = storage.getNode("camera_matrix").mat(), storage.getNode("distortion_coefficients").mat()
     camera = read_camera(result).camera
-    assert (storage.getNode("image_width").real(), storage.getNode("image_height").real()) == TRUTH.size
+    assert (storage.getNode("image_width").real(), storage.getNode("image_height").real()) == TRUE_CAMERA.size
     pixels, directions = rays(camera)
     np.testing.assert_allclose(opencv_pixels(K, distortion, directions), pixels, atol=1e-5)
 
@@ -148,13 +143,13 @@ def test_other_programs_formats_have_opencvs_numbers(result):
     camera = yaml.safe_load(export_camera(read_camera(result), "kalibr").data.decode())["cam0"]
     fx, fy, cx, cy = camera["intrinsics"]
     pixels, directions = rays(read_camera(result).camera)
-    assert (camera["distortion_model"], camera["resolution"]) == ("radtan", list(TRUTH.size))
+    assert (camera["distortion_model"], camera["resolution"]) == ("radtan", list(TRUE_CAMERA.size))
     seen = opencv_pixels([fx, 0, cx, 0, fy, cy, 0, 0, 1], camera["distortion_coeffs"], directions)
     np.testing.assert_allclose(seen, pixels, atol=1e-5)
     lens = ast.literal_eval(export_camera(read_camera(result), "mrcal").data.decode())
     assert lens["lensmodel"] == "LENSMODEL_OPENCV4"
     assert len(lens["intrinsics"]) == 8
-    assert lens["imagersize"] == list(TRUTH.size)
+    assert lens["imagersize"] == list(TRUE_CAMERA.size)
     assert lens["valid_intrinsics_region"][0] == lens["valid_intrinsics_region"][-1]
     fx, fy, cx, cy, *distortion = lens["intrinsics"]
     np.testing.assert_allclose(
@@ -204,7 +199,9 @@ def test_mrcals_own_uncertainty_of_the_file_is_the_stated_one(
 
 def test_the_error_of_a_format_is_stated_in_pixels(result):
     stored = read_camera(result)
-    lens = CameraModel("THIN_PRISM_FISHEYE", np.array([*stored.camera.params[:8], 0.01, 0, 2e-3, -1e-3]), *TRUTH.size)
+    lens = CameraModel(
+        "THIN_PRISM_FISHEYE", np.array([*stored.camera.params[:8], 0.01, 0, 2e-3, -1e-3]), *TRUE_CAMERA.size
+    )
     made = export_camera(StoredCamera(lens, stored.region, ""), "kalibr")
     rms_px, max_px = (float(number) for number in re.findall(r"\d+\.\d+", made.lost[0]))
     assert 0.1 < rms_px < max_px
@@ -273,14 +270,14 @@ def test_region_that_holds_no_pixel_is_refused(tmp_path):
 @pytest.fixture
 def measured(monkeypatch, tmp_path):
     """Photographs that need no measuring: their names show which views they are."""
-    taken = take(Photographed(TRUTH, count=6, every=1), np.random.default_rng(13))
+    taken = take(Photographed(TRUE_CAMERA, count=6, every=1), np.random.default_rng(13))
     views = {f"v{i}.pgm": view for i, view in enumerate(taken.views)}
 
     def seen(planes, chart, source) -> dict[str, Outcome[ChartView]]:
         return {name: Outcome(replace(views[source], source=source)) for name in planes}
 
     monkeypatch.setattr("station.calibration.geometry.views_of", seen)
-    monkeypatch.setattr("station.calibration.geometry._size", lambda frame: TRUTH.size)
+    monkeypatch.setattr("station.calibration.geometry._size", lambda frame: TRUE_CAMERA.size)
     for n, name in enumerate(views):
         (tmp_path / name).write_bytes(b"P5\n4 4\n255\n" + bytes([n] * 16))
     return [str(tmp_path / name) for name in views]
@@ -293,7 +290,7 @@ def test_the_commands_calibrate_and_export(measured, tmp_path):
     entry = json.loads((out / "result.json").read_text())["planes"]["Y"]
     assert entry["verdict"] == "pass"
     run("export", out, "--to", "ros", tmp_path / "camera.yaml")
-    assert yaml.safe_load((tmp_path / "camera.yaml").read_text())["image_width"] == TRUTH.size[0]
+    assert yaml.safe_load((tmp_path / "camera.yaml").read_text())["image_width"] == TRUE_CAMERA.size[0]
 
 
 @pytest.mark.slow
@@ -305,7 +302,7 @@ def test_a_batch_takes_the_photographs_of_each_folder_together(measured, tmp_pat
     (item,) = by_folder(find_frames([tmp_path], tmp_path / "out"))
     row = work(item, Job(read_procedure(tmp_path / "p.toml"), tmp_path / "out", reports=True))
     assert (row.verdict, row.specification) == ("pass", "does not meet")
-    assert row.planes["Y"].numbers["fx"]["value"] == pytest.approx(TRUTH.focal_px[0], rel=1e-4)
+    assert row.planes["Y"].numbers["fx"]["value"] == pytest.approx(TRUE_CAMERA.focal_px[0], rel=1e-4)
     folder = tmp_path / "out" / row.folder
     assert (folder / "report.html").is_file()
     record = json.loads((folder / "result.json").read_text())

@@ -6,17 +6,15 @@ import select
 import shutil
 import subprocess
 from collections.abc import Iterator
-from pathlib import Path
 
 import click
-import cv2
-import numpy as np
 import pytest
 
 from station.__main__ import main
 from station.cli.result_log import check_strict
 from station.cli.terminal.examples import EXAMPLES
 from station.cli.terminal.progress import awaited, step_lines
+from tests.golden.cases import vignetting
 from tests.program import run
 
 
@@ -63,26 +61,16 @@ def test_options_are_in_groups():
     ("before", "after", "quiet"), [(["-q"], [], True), ([], ["--quiet"], True), (["-q"], ["-q"], True), ([], [], False)]
 )
 def test_quiet_is_understood_before_and_after_a_command(before, after, quiet, tmp_path):
-    words = ["vignetting", *made_flats(tmp_path), "--out", str(tmp_path / "out")]
-    done = run(*before, *words, *after)
+    done = run(*before, *vignetting(tmp_path), "--out", tmp_path / "out", *after)
     assert (done.stderr == "") == quiet
 
 
 @pytest.mark.parametrize(("strict", "code"), [([], 0), (["--strict"], 1)])
 def test_strict_counts_what_is_doubtful_as_failed(strict, code, tmp_path):
-    flat = made_flats(tmp_path)[0]  # one flat does not separate lens and light
-    done = run("vignetting", flat, "--out", tmp_path / "out", *strict, code=None)
+    one_flat = vignetting(tmp_path)[:2]  # which does not separate lens and light
+    done = run(*one_flat, "--out", tmp_path / "out", *strict, code=None)
     assert "doubtful" in done.stderr
     assert done.exit_code == code
-
-
-def made_flats(folder: Path) -> list[str]:
-    y, x = np.mgrid[-1:1:96j, -1:1:128j]
-    rng = np.random.default_rng(7)
-    for name in "abc":
-        flat = 0.5 - 0.1 * (x**2 + y**2) + 0.001 * rng.standard_normal(x.shape)
-        cv2.imwrite(str(folder / f"{name}.png"), np.rint(65535 * flat).astype(np.uint16))
-    return [str(folder / f"{name}.png") for name in "abc"]
 
 
 COMPLETED = {

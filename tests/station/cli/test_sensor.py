@@ -10,16 +10,13 @@ import html5lib
 import numpy as np
 import pytest
 
-from drivers.dng import Shot, write_dng
 from simulators.camera.sensor import Sensor
+from tests.golden.cases import shoot_sensor
 from tests.program import run
 
 SLOW_FIXTURES = {"bench_sensor"}
 
 ROWS, COLUMNS = 96, 128
-TIMES_S = np.linspace(0.003, 0.141, 24)
-WHITE_E_S = 40000 / 0.07
-"""Electrons a second in green: full well, and 14 bit, are reached at 0.07 s."""
 
 
 @pytest.fixture(scope="module")
@@ -30,24 +27,7 @@ def bench_sensor() -> Sensor:
 @pytest.fixture(scope="module")
 def raw_folder(tmp_path_factory, bench_sensor):
     """DNG files of dark pictures and even light, as a camera on the bench writes them."""
-    folder = tmp_path_factory.mktemp("raw")
-    rng = np.random.default_rng(4)
-
-    def shoot(kind: str, name: str, exposure_s: float, light: float) -> None:
-        (folder / kind).mkdir(exist_ok=True)
-        mosaic = bench_sensor.expose(np.full((ROWS, COLUMNS), light), WHITE_E_S * exposure_s, rng)
-        shot = Shot(exposure_s=exposure_s)
-        write_dng(folder / kind / f"{name}.dng", mosaic, shot, cfa="RGGB", black=(512,) * 4, white=16383)
-
-    for at, exposure_s in enumerate(TIMES_S):
-        for which in "ab":
-            shoot("light", f"{at:02d}{which}", float(exposure_s), 1.0)
-    for n in range(18):
-        shoot("light", f"flat{n:02d}", float(TIMES_S[6]), 1.0)
-        shoot("dark", f"dark{n:02d}", float(TIMES_S[6]), 0.0)
-    for n in range(2):
-        shoot("dark", f"short{n}", float(TIMES_S[0]), 0.0)
-    return folder
+    return shoot_sensor(tmp_path_factory.mktemp("raw"), bench_sensor, 24, 18)
 
 
 def test_the_bench_sensor_is_recovered_from_raw_files(raw_folder, bench_sensor, tmp_path):

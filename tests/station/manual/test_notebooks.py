@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import procedures
+from station.demo.small_inputs import defocused, six_charts
 from station.manual.browser_pages import cells_of, notebook_of, write_manual
 from station.manual.pages import Page, read_pages
 from tests.golden.cases import chart_photograph, save
@@ -17,7 +18,7 @@ from tests.procedures.correction.small_lens import scene
 from tests.procedures.geometry.chart_bins import test_photographs as chart_views
 from tests.procedures.two_photo.wall import gaussian, photographs
 
-from .conftest import defocused, edge_levels, render_samples, six_charts
+from .conftest import edge_levels, levels, render_samples
 
 SLOW_FIXTURES = {"library_folder"}
 PAGES = {page.name: page for page in read_pages()}
@@ -86,14 +87,14 @@ def library_folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("library")
     chart_photograph(folder / "photo.dng", 3)
     (folder / "frames").mkdir()
-    cv2.imwrite(str(folder / "frames" / "charts.pgm"), six_charts())
+    cv2.imwrite(str(folder / "frames" / "charts.pgm"), levels(six_charts()))
     save(folder / "scene.pgm", scene((280, 310))[0])
     wall = photographs(gaussian(0.42, 0.37), tilt=0.04)
     save(folder / "near.pgm", wall.near)
     save(folder / "far.pgm", wall.far)
     cv2.imwrite(str(folder / "edge.pgm"), edge_levels())
     for name, sigma in (("blurred_1", 1.0), ("blurred_2", 1.5), ("sharp", 0.0)):
-        cv2.imwrite(str(folder / f"{name}.pgm"), defocused(sigma))
+        cv2.imwrite(str(folder / f"{name}.pgm"), levels(defocused(sigma)))
     camera = chart_views.wide_camera()
     (folder / "views").mkdir()
     for i in range(len(chart_views.PLACES)):

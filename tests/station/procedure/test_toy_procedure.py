@@ -86,6 +86,9 @@ def test_a_batch_runs_it_and_its_records_follow_the_schema(station):
     assert station("manual", "--schemas", "schemas").exit_code == 0
     schema = json.loads((station.folder / "schemas" / "mean-level.schema.json").read_text())
     jsonschema.validate(record, schema, jsonschema.Draft202012Validator)
+    batch = json.loads((station.folder / "all" / "result.json").read_text())
+    schema_of_batch = json.loads((station.folder / "schemas" / "batch.schema.json").read_text())
+    jsonschema.validate(batch, schema_of_batch, jsonschema.Draft202012Validator)
     record["planes"]["Y"]["verdict"] = "good"
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate(record, schema)

@@ -20,7 +20,6 @@ from drivers.errors import (
     NoAnswer,
     NoReading,
     NotHomed,
-    OutsideTravel,
     Rejected,
 )
 from drivers.interfaces import ProbeReading
@@ -93,22 +92,6 @@ def test_it_goes_where_it_is_sent_and_the_bench_agrees(homed, served):
     assert there.position()["z_mm"] == pytest.approx(low + 200.25, abs=0.002)
     assert there.position()["x_mm"] == pytest.approx(there.travel()["x_mm"].low + 7.5, abs=0.002)
     assert not homed.moving()
-    for value in (299.9, 1e6, float("nan")):
-        with pytest.raises(OutsideTravel, match="choose a target inside"):
-            homed.move_to(z_mm=value)
-    with pytest.raises(BadConfiguration, match="there is no axis nowhere_mm"):
-        homed.move_to(nowhere_mm=1.0)
-
-
-def test_stop_ends_a_move(homed, held_up):
-    thread, outcome = beside(lambda: homed.move_to(z_mm=400.0))
-    held_up.moving.wait()
-    with pytest.raises(Rejected, match="already moving"):
-        homed.move_to(z_mm=350.0)
-    homed.stop()
-    thread.join()
-    assert isinstance(outcome[0], DeviceError)
-    assert "stopped" in outcome[0].reason
 
 
 def test_after_a_stop_the_other_axis_is_not_sent(homed, held_up, monkeypatch):
@@ -127,18 +110,6 @@ def test_after_a_stop_the_other_axis_is_not_sent(homed, held_up, monkeypatch):
     thread.join()
     assert isinstance(outcome[0], DeviceError)
     assert len(held_up.requested) == 1
-
-
-def test_an_emergency_stop_ends_a_move_and_holds_until_homed(homed, held_up):
-    thread, outcome = beside(lambda: homed.move_to(z_mm=400.0))
-    held_up.moving.wait()
-    homed.emergency_stop()
-    thread.join()
-    assert isinstance(outcome[0], EmergencyStopped)
-    with pytest.raises(EmergencyStopped, match="then home"):
-        homed.move_to(z_mm=400.0)
-    homed.home()
-    assert homed.condition().usable
 
 
 def test_an_axis_that_is_not_where_it_was_sent_is_halted_before_that_is_reported(homed, held_up, monkeypatch):

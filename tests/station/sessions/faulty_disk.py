@@ -59,19 +59,16 @@ class FaultyDisk(Disk):
         self._perform(sync)
 
     def replace(self, source, target):
-        def rename() -> None:
-            older = target.read_bytes() if target.is_file() else None
-            super(FaultyDisk, self).replace(source, target)
-            self._renamed.append((source, target, older))
-            if source in self._unsynced:
-                self._unsynced[target] = self._unsynced.pop(source)
-
-        self._perform(rename)
+        self._rename(super().replace, source, target)
 
     def place(self, source, target):
+        self._rename(super().place, source, target)
+
+    def _rename(self, action, source, target):
         def rename() -> None:
-            super(FaultyDisk, self).place(source, target)
-            self._renamed.append((source, target, None))
+            older = target.read_bytes() if target.is_file() else None
+            action(source, target)
+            self._renamed.append((source, target, older))
             if source in self._unsynced:
                 self._unsynced[target] = self._unsynced.pop(source)
 
@@ -90,6 +87,10 @@ class FaultyDisk(Disk):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         if self.how == "after":
             action()
+        return self.cut()
+
+    def cut(self) -> None:
+        """The last that happens."""
         raise PowerCut
 
     def lose(self) -> None:

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import scipy.optimize
 
 from procedures import Chart, Plane
 from procedures.pattern_psf.focus.sharpness import measure_sharpness
@@ -12,6 +11,7 @@ from procedures.pattern_psf.focus.sweep import best_focus
 from simulators.camera.camera import Lens, SimulatedCamera, pixels_at, render_plane
 from simulators.camera.sensor import Sensor
 from simulators.world.scene import Scene
+from tests.benchmarks.live_focus import true_mtf50
 
 CHART = Chart.from_seed()
 CAMERA = SimulatedCamera(Lens(focal_length_mm=50.0, f_number=4.0), Sensor(180, 260, cfa=None), pitch_um=8.0)
@@ -19,17 +19,6 @@ PLACED = CAMERA.place(CHART, pixels=pixels_at(1.3), at=(0.5, 0.5))
 DISTANCE_MM = PLACED.pose.centre_mm[2]
 DIOPTRES = 1000 / DISTANCE_MM + np.array([-0.02, -0.012, -0.003, 0.006, 0.014])
 """A bracket whose top lies between its places."""
-
-
-def true_mtf50(dioptres: float) -> float:
-    """Frequency at which the mean over directions of the true MTF is one half, in cycles per pixel."""
-    optics = CAMERA.optics_at(PLACED, 1000 / dioptres)
-    angles = np.pi * np.arange(16) / 16
-
-    def above(f: float) -> float:
-        return float(np.abs(optics.otf(f * np.cos(angles), f * np.sin(angles), "G")).mean()) - 0.5
-
-    return float(scipy.optimize.brentq(above, 0.02, 1.2))
 
 
 def photograph(dioptres: float, rng: np.random.Generator) -> Plane:
@@ -46,8 +35,8 @@ def test_a_sweep_finds_the_best_focus_also_from_the_last_place(rng):
         seen.append(found.mtf50)
     peak = best_focus(DIOPTRES, [one.value for one in seen], [one.uncertainty for one in seen])
     assert peak is not None
-    best = max(true_mtf50(float(d)) for d in np.linspace(DIOPTRES[0], DIOPTRES[-1], 49))
-    assert true_mtf50(peak.place) > 0.98 * best
+    best = max(true_mtf50(CAMERA, PLACED, float(d)) for d in np.linspace(DIOPTRES[0], DIOPTRES[-1], 49))
+    assert true_mtf50(CAMERA, PLACED, peak.place) > 0.98 * best
     assert peak.score == pytest.approx(best, rel=0.02)
     plane = photograph(1000 / DISTANCE_MM, rng)
     first = measure_sharpness(plane, CHART).result()
