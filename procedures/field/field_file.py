@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from types import MappingProxyType
@@ -24,8 +23,8 @@ from procedures.psf import MOST_PER_PX, Psf, PsfTail
 from procedures.psf_field import Node, PsfField, in_half_diagonals
 from procedures.reading.arrays import LONGEST
 from procedures.reading.exposure import Exposure
-from procedures.reading.guard import Room, decoding, largest_bytes, open_file
-from procedures.reading.hdf5 import Stored, check_ends
+from procedures.reading.guard import Room
+from procedures.reading.hdf5 import Stored, opened
 from procedures.vignetting.surface import LightSurface
 
 if TYPE_CHECKING:
@@ -34,6 +33,7 @@ if TYPE_CHECKING:
 
 SCHEMA, WITHOUT_TAIL = "station/psf-field/2", "station/psf-field/1"
 """Schemas of this version and of older ones, whose PSFs end with their supports."""
+FIELD = ("PSF field", (SCHEMA, WITHOUT_TAIL), "give the field.h5 of a result")
 CONVENTIONS = """\
 Arrays are [row, column]; positions are (x, y) in pixels of the plane, pixel centres at integers, x right, y down.
 A PSF has `samples_per_pixel` samples per pixel of its plane along each axis. `psf` is its support, an odd square of
@@ -125,7 +125,7 @@ def add_lights(path: Path, lights: Mapping[str, LightSurface]) -> None:
 
 def read_lights(path: Path | str) -> dict[str, LightSurface]:
     """The vignetting by plane; empty where none was added. Raises BadInput as `read_field`."""
-    with _opened(path) as file:
+    with opened(path, *FIELD) as file:
         room = Room(str(path))
         planes = {name: Stored(group, room) for name, group in file.get(VIGNETTING, {}).items()}
         return {
@@ -217,14 +217,14 @@ def read_field(path: Path | str) -> dict[str, PsfField]:
 
     Raises BadInput if it is not such a file.
     """
-    with _opened(path) as file:
+    with opened(path, *FIELD) as file:
         room = Room(str(path))
         return {name: _read_plane(name, group, room) for name, group in _planes(file)}
 
 
 def read_camera(path: Path | str) -> Exposure | None:
     """Camera, lens, aperture and focus of the measurement; None where unknown. Raises BadInput as `read_field`."""
-    with _opened(path) as file:
+    with opened(path, *FIELD) as file:
         text = file.attrs.get(CAMERA)
     try:
         metadata = json.loads(text) if text is not None else None
@@ -243,7 +243,7 @@ def _is_positive(value: Any) -> bool:
 
 def read_colours(path: Path | str) -> dict[str, LateralColour]:
     """Lateral colour by plane, where it was measured. Raises BadInput as `read_field`."""
-    with _opened(path) as file:
+    with opened(path, *FIELD) as file:
         room = Room(str(path))
         shapes = {name: _shape_of(Stored(plane, room)) for name, plane in _planes(file)}
         groups = {name: group for name, group in file.get("lateral_colour", {}).items() if name in shapes}
@@ -260,22 +260,6 @@ def _read_colour(name: str, group: h5py.Group, shape: tuple[int, int], room: Roo
 
 def _planes(file: h5py.File) -> list[tuple[str, h5py.Group]]:
     return [(name, group) for name, group in file.items() if "nodes" in group]
-
-
-@contextmanager
-def _opened(path: Path | str) -> Iterator[h5py.File]:
-    """A file of a known version. Raises BadInput where it is damaged."""
-    import h5py
-
-    open_file(Path(path), "PSF field").close()
-    with decoding(str(path), "HDF5", "give the field.h5 of a result"):
-        check_ends(Path(path), largest_bytes())
-        with h5py.File(path, "r") as file:
-            if file.attrs.get("schema") not in (SCHEMA, WITHOUT_TAIL):
-                raise BadInput(
-                    f"{path} is no PSF field of this version", f"give a file with schema {SCHEMA} or {WITHOUT_TAIL}"
-                )
-            yield file
 
 
 def _read_plane(name: str, plane: h5py.Group, room: Room) -> PsfField:

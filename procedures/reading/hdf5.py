@@ -9,14 +9,17 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy.typing as npt
 
 from procedures.numerics.arrays import Array
+from procedures.outcome import BadInput
 from procedures.reading.arrays import LARGEST, Shape, checked_array, checked_number
-from procedures.reading.guard import Room
+from procedures.reading.guard import Room, decoding, largest_bytes, open_file
 
 if TYPE_CHECKING:
     import h5py
@@ -56,6 +59,21 @@ def check_ends(path: Path, largest: int) -> None:
         raise ValueError("the HDF5 library does not terminate") from error
     if status < 0:  # by a signal: time limit or crash
         raise ValueError(f"the HDF5 library does not terminate or crashes (signal {-status})")
+
+
+@contextmanager
+def opened(path: Path | str, what: str, schemas: Sequence[str], remedy: str) -> Iterator[h5py.File]:
+    """A file of one of these schemas. Raises BadInput where it is damaged, or of another one."""
+    import h5py
+
+    open_file(Path(path), what).close()
+    with decoding(str(path), "HDF5", remedy):
+        check_ends(Path(path), largest_bytes())
+        with h5py.File(path, "r") as file:
+            if file.attrs.get("schema") not in schemas:
+                reason = f"{path} is no {what} of this version"
+                raise BadInput(reason, f"give a file with schema {' or '.join(schemas)}")
+            yield file
 
 
 class Stored:

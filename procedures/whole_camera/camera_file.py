@@ -12,9 +12,8 @@ import numpy as np
 from procedures.display import summary
 from procedures.geometry.budget import TERMS
 from procedures.numerics.arrays import Array
-from procedures.outcome import BadInput
-from procedures.reading.guard import Room, decoding, largest_bytes, open_file
-from procedures.reading.hdf5 import Stored, check_ends
+from procedures.reading.guard import Room
+from procedures.reading.hdf5 import Stored, opened
 from procedures.whole_camera.from_field import CovarianceBlock, WholeCamera
 
 if TYPE_CHECKING:
@@ -128,23 +127,16 @@ def _put_texts(group: h5py.Group, name: str, texts: Any) -> None:
 
 def read_camera_numbers(path: Path | str) -> CameraNumbers:
     """Read a camera's file. Raises BadInput if it is not such a file, or its parts are inconsistent."""
-    import h5py
-
-    open_file(Path(path), "camera").close()
-    with decoding(str(path), "HDF5", GIVE):
-        check_ends(Path(path), largest_bytes())
-        with h5py.File(path, "r") as file:
-            if file.attrs.get("schema") != SCHEMA:
-                raise BadInput(f"{path} is no camera of this version", f"give a file with schema {SCHEMA}")
-            room = Room(str(path))
-            stored, blocks = Stored(file, room), Stored(file["blocks"], room)
-            texts = [blocks.texts(name) for name in ("first", "second", "how", "why")]
-            geometry = file["geometry"].attrs
-            camera = CameraNumbers(
-                tuple(stored.texts("names")), tuple(stored.texts("units")), stored.numbers("values"),
-                stored.numbers("covariance"), tuple(CovarianceBlock(*one) for one in zip(*texts, strict=True)),
-                str(geometry.get("model", "")), (int(geometry.get("columns", 0)), int(geometry.get("rows", 0))),
-            )  # fmt: skip
+    with opened(path, "camera", (SCHEMA,), GIVE) as file:
+        room = Room(str(path))
+        stored, blocks = Stored(file, room), Stored(file["blocks"], room)
+        texts = [blocks.texts(name) for name in ("first", "second", "how", "why")]
+        geometry = file["geometry"].attrs
+        camera = CameraNumbers(
+            tuple(stored.texts("names")), tuple(stored.texts("units")), stored.numbers("values"),
+            stored.numbers("covariance"), tuple(CovarianceBlock(*one) for one in zip(*texts, strict=True)),
+            str(geometry.get("model", "")), (int(geometry.get("columns", 0)), int(geometry.get("rows", 0))),
+        )  # fmt: skip
         # raise ValueError where numbers and covariance are inconsistent
         count, C = len(camera.names), camera.covariance
         if len(camera.units) != count or camera.values.shape != (count,) or C.shape != (count, count):

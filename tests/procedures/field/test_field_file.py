@@ -9,6 +9,7 @@ import pytest
 from procedures.field import field_file
 from procedures.field.maps import derive, lateral_colour
 from procedures.outcome import BadInput, Outcome
+from procedures.reading import hdf5
 from procedures.vignetting.surface import LightSurface
 
 from ..correction.small_lens import SmallLens
@@ -149,7 +150,7 @@ def attribute(name, value):
     ],
 )
 def test_a_field_of_other_arrays_is_refused(written, tmp_path, monkeypatch, spoil, words):
-    monkeypatch.setattr(field_file, "check_ends", lambda path, largest: None)  # it takes a second
+    monkeypatch.setattr(hdf5, "check_ends", lambda path, largest: None)  # it takes a second
     shutil.copy(written, tmp_path / "a.h5")
     with h5py.File(tmp_path / "a.h5", "r+") as file:
         spoil(file["G1"])
