@@ -9,6 +9,7 @@ import pytest
 from procedures import Chart, Plane, Verdict
 from procedures.choice import UNSEEN
 from procedures.pattern_psf.estimate import PatternParameters, PatternPsf, estimate_psf
+from tests.benchmarks.whole_psf import truths
 
 from .analytic_camera import View, circular, exposed, light, mtf50
 
@@ -34,17 +35,11 @@ def found(parameters: PatternParameters | None = None, seed: int = 0) -> tuple[P
     return outcome.value, outcome.verdict
 
 
-def truths() -> list[float]:
-    half, none = np.array([0.5]), np.zeros(1)
-    nyquist = [abs(float(F56(half, none)[0])), abs(float(F56(none, half)[0]))]
-    return [mtf50(F56, 0), mtf50(F56, 1), *nyquist]
-
-
 @pytest.mark.slow
 def test_numbers_are_those_of_the_whole_psf() -> None:
     estimate, verdict = found(PatternParameters(print_blur=0.075))
     assert verdict is Verdict.PASS
-    for name, true in zip(NAMES, truths(), strict=True):
+    for name, true in zip(NAMES, truths(F56), strict=True):
         number = estimate.quality.numbers[name]
         # four numbers of one photograph, each within 3 of its standard uncertainties
         assert abs(number.value - true) < 3 * number.uncertainty, name
@@ -60,7 +55,7 @@ def test_what_s_and_k_exclude_is_doubtful_and_never_wrong(s: int, k: int) -> Non
     estimate, verdict = found(PatternParameters(s, k))
     errors = [
         (estimate.quality.numbers[name].value - true) / estimate.quality.numbers[name].uncertainty
-        for name, true in zip(NAMES, truths(), strict=True)
+        for name, true in zip(NAMES, truths(F56), strict=True)
     ]
     assert np.abs(errors).max() < 3.5
     if (s, k) == (4, 9):  # 11 % of the light lies outside: a share of the OTF that its noise does not hide
@@ -162,7 +157,7 @@ def test_what_a_hand_leaves_of_the_chart_is_enough(rng: np.random.Generator) -> 
     assert outcome.verdict is Verdict.DOUBTFUL, outcome.reason
     assert "of the samples are outliers" in outcome.reason
     assert outcome.value is not None
-    for name, true in zip(NAMES, truths(), strict=True):
+    for name, true in zip(NAMES, truths(F56), strict=True):
         number = outcome.value.quality.numbers[name]
         assert abs(number.value - true) < 3.5 * number.uncertainty, name
 

@@ -10,6 +10,7 @@ from simulators.camera.render import IdealImage, Region, render_region
 from simulators.world.projection import ObjectPose, Projection
 from simulators.world.scene import Illumination, PlacedChart, Scene, Shape, Wall
 from tests.simulators.clutter import cover
+from tests.simulators.world.test_raster import area_and_centroid
 
 GREY = {(0, 0): "Y"}
 BAYER = {(0, 0): "R", (1, 0): "G", (0, 1): "G", (1, 1): "B"}
@@ -40,13 +41,6 @@ def corners_by_hand(points_mm: np.ndarray, pose: ObjectPose) -> np.ndarray:
         x, y_, z = c + pose.centre_mm
         found.append([VIEW.centre[0] + 5000 * x / z, VIEW.centre[1] + 5000 * y_ / z])
     return np.array(found)
-
-
-def area_and_centroid(polygon: np.ndarray) -> tuple[float, np.ndarray]:
-    x, y = polygon.T
-    cross = x * np.roll(y, -1) - np.roll(x, -1) * y
-    centroid = [np.sum((a + np.roll(a, -1)) * cross) / (3 * np.sum(cross)) for a in (x, y)]
-    return abs(float(np.sum(cross))) / 2, np.array(centroid)
 
 
 @pytest.mark.slow

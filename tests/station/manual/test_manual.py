@@ -25,6 +25,7 @@ from station.manual.command_reference import SHOWN, attributes, commands_text
 from station.manual.pages import FORMULA, PICTURE, Page, find_page, for_terminal, plain_formulas, read_pages, search
 from tests.printed import print_faults, screen_faults
 from tests.program import run
+from tests.station.cli.test_help import CONTEXTS
 
 SLOW_FIXTURES = {"written"}
 
@@ -64,20 +65,12 @@ def test_unknown_topics_name_the_nearest_and_links_their_command():
     assert for_terminal("See [Numbers](../reference/numbers.md#of-a-psf).") == "See Numbers (`station manual numbers`)."
 
 
-def commands(command, path=("station",)):
-    if isinstance(command, click.Group):
-        for name in command.list_commands(click.Context(command)):
-            yield from commands(command.get_command(click.Context(command), name), (*path, name))
-    else:
-        yield " ".join(path), command
-
-
 def test_every_command_number_and_diagnostic_is_described():
     text = text_of("commands")
-    for path, command in commands(main):
-        section = text.partition(f"## {path}\n")[2].partition("\n## ")[0]
+    for path, context in CONTEXTS.items():
+        section = text.partition(f"## station {path}\n")[2].partition("\n## ")[0]
         assert section, path
-        for param in command.params:
+        for param in context.command.params:
             if isinstance(param, click.Option) and not param.hidden:
                 assert max(param.opts, key=len) in section, (path, param.name)
     # a paragraph that is indented would be a block of code
@@ -134,9 +127,8 @@ def test_dollars_in_code_are_no_formulas_and_pictures_lead_to_commands():
     assert "<math" not in html_of("# T\n\n`$110=500 $22=25`\n")
     shown = SHOWN.findall(GALLERY)
     assert len(shown) == len(PICTURE.findall(GALLERY)) >= 30
-    paths = {path for path, _ in commands(main)}
     for _, words in shown:
-        assert any(f"{words} ".startswith(f"{path} ") for path in paths - {"station"}), words
+        assert any(f"{words} ".startswith(f"station {path} ") for path in CONTEXTS), words
     sections = text_of("commands").split("\n## ")[1:]
     assert [one.splitlines()[0] for one in sections if "(picture:" not in one] == []
     assert any(one.startswith("station psf field\n") and "(picture:field-psfs.svg)" in one for one in sections)
