@@ -132,6 +132,7 @@ class ArtNetLight(Lamp["ArtNetLight"]):
         try:
             self._send()
             self._poll()
+            self._send()  # one packet may be lost, and none follows the last level when the lamp is closed
         except OSError as error:
             raise LineLost(f"{self.address} went away: {error}", "check network and node") from error
 

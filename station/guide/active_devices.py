@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, cast
 
@@ -326,6 +326,9 @@ class ActiveDevices:
         """Switch the lamp off, if one is lit. Raises DeviceError."""
         lamp = self._device("light")
         if lamp is not None and lamp.level():
+            with suppress(EmergencyStopped):  # a further stop ended the wait for the reply: once more
+                lamp.set_level(0.0)
+                return
             lamp.set_level(0.0)
 
     def _not_stopped(self) -> None:

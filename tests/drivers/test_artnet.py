@@ -47,6 +47,17 @@ def test_the_level_is_sent_again_while_nothing_changes(node, light, monkeypatch)
     assert again.wait(5.0)
 
 
+def test_a_lamp_goes_out_though_a_packet_is_lost_and_it_is_closed(node, light):
+    light.connect()
+    light.set_level(1.0)
+    dark, receive = threading.Event(), node._receive
+    node._lit = lambda level: dark.set() if level == 0 else None
+    node._receive = lambda data: setattr(node, "_receive", receive)  # the next packet is lost
+    light.set_level(0.0)
+    light.close()
+    assert dark.wait(5.0)
+
+
 def test_a_node_that_is_gone_is_reported(node, light, monkeypatch):
     monkeypatch.setattr("drivers.artnet.REPLY_S", 0.05)
     light.connect()
