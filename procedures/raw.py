@@ -240,8 +240,8 @@ def _kind(path: Path, file: BinaryIO) -> str:
     if head.startswith(TIFF_MAGIC) and path.suffix.lower() in (".tif", ".tiff") and not holds_mosaic:
         return "tiff"
     # raise BadInput for formats without a linear plane
-    if found := next((kind for kind, form in _PICTURES.items() if re.match(form, head, re.DOTALL)), None):
-        raise ColourInput(f"a RAW file or one linear plane is required; {path} is of the format {found}", _EXPORT)
+    if kind := next((name for name, form in _PICTURES.items() if re.match(form, head, re.DOTALL)), None):
+        raise ColourInput(f"a RAW file or one linear plane is required; {path} is of the format {kind}", _EXPORT)
     if _is_text(head) and not has_raw_header(head):
         raise BadInput(f"{path} is a text file, not a photograph", _EXPORT)
     if not has_raw_header(head) or (head.startswith(TIFF_MAGIC) and not begins_as_tiff):
