@@ -86,11 +86,15 @@ class Plane:
         black, white : sample values of black and white. White is 1 by default for floating-point samples, which are
         taken as quantised to 16 bits, and the largest value of an integer type. raw : whether they are a sensor's,
         unprocessed; otherwise uncertainties include processing that the samples do not exclude. Raises BadInput if it
-        is not two-dimensional, or not all samples are finite.
+        is not two-dimensional, or not all samples are finite; BadParameter unless white exceeds black.
         """
         whole = np.issubdtype(array.dtype, np.integer)
         if white is None:
             white = float(np.iinfo(array.dtype).max) if whole else 1.0
+        if not 0 < white - black < np.inf:
+            raise BadParameter(
+                f"white must exceed black; got {white:g} and {black:g}", "give the levels of the samples"
+            )
         samples = checked_array(array, "a plane", (None, None), remedy="give one linear channel, as image[..., 1]")
         step = 1 / (white - black) if whole else 1 / 65535
         return cls(
@@ -240,8 +244,8 @@ def _kind(path: Path, file: BinaryIO) -> str:
     if head.startswith(TIFF_MAGIC) and path.suffix.lower() in (".tif", ".tiff") and not holds_mosaic:
         return "tiff"
     # raise BadInput for formats without a linear plane
-    if found := next((kind for kind, form in _PICTURES.items() if re.match(form, head, re.DOTALL)), None):
-        raise ColourInput(f"a RAW file or one linear plane is required; {path} is of the format {found}", _EXPORT)
+    if kind := next((name for name, form in _PICTURES.items() if re.match(form, head, re.DOTALL)), None):
+        raise ColourInput(f"a RAW file or one linear plane is required; {path} is of the format {kind}", _EXPORT)
     if _is_text(head) and not has_raw_header(head):
         raise BadInput(f"{path} is a text file, not a photograph", _EXPORT)
     if not has_raw_header(head) or (head.startswith(TIFF_MAGIC) and not begins_as_tiff):

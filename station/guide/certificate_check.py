@@ -159,9 +159,9 @@ def _result_checks(measurement: Measurement, originals: Path | None) -> Iterator
 def _differences(one: PlaneResult, other: PlaneResult) -> Iterator[Difference]:
     """The differences of the numbers that both have, in standard uncertainties; of others relative to their values."""
     for name in (*one.numbers, *(name for name in one.values if name not in one.numbers)):
-        known, found = one.quantity(name), other.quantity(name)
-        if known is not None and found is not None:
-            size = abs(found.value - known.value) / (known.uncertainty or abs(known.value) or 1)
+        known, again = one.quantity(name), other.quantity(name)
+        if known is not None and again is not None:
+            size = abs(again.value - known.value) / (known.uncertainty or abs(known.value) or 1)
             yield f"{one.name} {name}", size, SIGMAS if known.uncertainty else "of the value"
 
 

@@ -132,6 +132,9 @@ def test_arrays_are_planes_and_wrong_types_and_places_are_named(edge, outcome, p
     assert estimate_psf(edge, Chart.from_seed()).verdict is Verdict.REFUSED
     with pytest.raises(BadInput, match="one linear channel"):
         Plane.from_array(np.zeros((4, 5, 3)))
+    for black, white in ((64, 64), (64, 5), (0, np.nan)):
+        with pytest.raises(BadParameter, match="white must exceed black"):
+            Plane.from_array(whole, black=black, white=white)
     frames = {
         "pass a Plane, as read_frame": lambda: as_plane("photo.dng"),
         "pass Chart.from_seed": lambda: estimate_psf(edge, "chart"),
