@@ -36,8 +36,8 @@ def small_tiff(*, bits=8, photometric=1, orientation=1, compression=1):
     samples = LEVELS.astype(np.uint8).tobytes()
     rows, columns = LEVELS.shape
     tags = (
-        (256, columns), (257, rows), (258, bits), (259, compression), (262, photometric), (273, 8), (274, orientation), (277, 1),
-        (278, rows), (279, len(samples)),
+        (256, columns), (257, rows), (258, bits), (259, compression), (262, photometric), (273, 8), (274, orientation),
+        (277, 1), (278, rows), (279, len(samples)),
     )  # fmt: skip
     entries = b"".join(struct.pack(">HHIHH", code, 3, 1, value, 0) for code, value in tags)
     head = b"MM\0*" + struct.pack(">I", 8 + len(samples))
