@@ -313,7 +313,7 @@ def linear_colours(data: bytes, name: str) -> npt.NDArray[np.uint16]:
     with captured_noise() as noise:
         try:
             with rawpy.imread(BytesIO(data)) as raw:
-                if repeat not in ((2, 2), (6, 6)) or raw.num_colors > 3:
+                if tuple(map(int, repeat)) not in {(2, 2), (6, 6)} or raw.num_colors > 3:
                     reason = f"a mosaic must have three colours in 2 x 2 or 6 x 6 pixels; {name} has another"
                     raise BadInput(reason, _OTHER_CAMERA)
                 Room(name).take(4 * BYTES * raw.sizes.width * raw.sizes.height, "pixels of three colours")
