@@ -262,7 +262,7 @@ def test_photographs_moved_by_parts_of_a_pixel_make_a_picture_of_twice_as_many(f
     paths = [tmp_path / f"{number}.tiff" for number in range(4)]
     result = correct(*paths, "--field", files[0] / "grey.h5", "--scale", 2, "--out", tmp_path / "out", "--json")
     record = json.loads(result.stdout)
-    assert [one["path"] for one in record["input"]] == [str(path) for path in paths]
+    assert [one["path"] for one in record["input"]] == [str(path) for path in (*paths, files[0] / "grey.h5")]
     assert (record["scale"], record["detail_resolved"]) == (2, 0.75)
     moves_px = [one["moved_px"] for one in record["further_photographs"]]
     np.testing.assert_allclose(moves_px, moves[1:], atol=0.05)
