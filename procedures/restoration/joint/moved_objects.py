@@ -48,7 +48,7 @@ def largest(moved: Mask) -> tuple[slice, slice]:
 
 
 def _mean(image: Array, window: int) -> Array:
-    return np.asarray(uniform_filter(image, window, mode="nearest"))
+    return np.asarray(uniform_filter(image, window, mode="reflect"))
 
 
 def _variance(image: Array, window: int) -> Array:
