@@ -16,7 +16,7 @@ class ReadFile(Protocol):
     """A file that was read: a photograph, a frame of a session."""
 
     @property
-    def path(self) -> Path:
+    def path(self) -> Path | str:
         """Path of the file."""
 
     @property
