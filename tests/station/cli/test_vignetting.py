@@ -1,4 +1,4 @@
-"""`station vignetting`: flats that cannot be read, and copies."""
+"""`station vignetting`: flats that cannot be read, copies, limits of other planes."""
 
 import json
 import shutil
@@ -39,3 +39,11 @@ def test_flats_of_which_none_can_be_read_are_refused(flats, tmp_path):
 def test_a_copy_of_a_flat_is_no_second_one(flats, tmp_path):
     shutil.copy(flats / "a.png", flats / "d.png")
     run("vignetting", flats, "--out", tmp_path / "out", code=4, says="d.png has the content of")
+
+
+def test_a_specification_of_other_planes_is_no_pass(flats, tmp_path):
+    (tmp_path / "limits.toml").write_text('[limits]\ncorner_light = { min = 0.1, planes = ["G1"] }\n')
+    words = "--specification", tmp_path / "limits.toml", "--strict"
+    run(
+        "vignetting", flats, *words, "--out", tmp_path / "out", code=1, says="no limit of the specification holds for Y"
+    )
