@@ -59,6 +59,13 @@ class GeometryParameters:
     is_video: bool = False
     advise_px: tuple[float, float] | None = None
 
+    def __post_init__(self) -> None:
+        if not (0 < self.cell_mm < np.inf and 0 <= self.scale_uncertainty < np.inf):
+            raise BadParameter(
+                f"a cell and its uncertainty must be positive; got {self.cell_mm:g} mm, {self.scale_uncertainty:g}",
+                "measure the printed chart with a ruler",
+            )
+
 
 @dataclass(frozen=True, eq=False)
 class PosedView:
