@@ -213,8 +213,8 @@ def measure_level(pictures: Sequence[Numbers], exposure_s: float, light: float) 
     if len(pictures) < 2:
         raise BadInput(f"temporal noise needs two pictures of a level; got {len(pictures)}", "take further ones")
     first = _checked(pictures[0], (None, None))
-    pictures = [first, *(_checked(one, first.shape) for one in pictures[1:])]
-    pairs = [_measure_pair(a, b) for a, b in zip(pictures[::2], pictures[1::2], strict=False)]
+    checked = [first, *(_checked(one, first.shape) for one in pictures[1:])]
+    pairs = [_measure_pair(a, b) for a, b in zip(checked[::2], checked[1::2], strict=False)]
     mean, variance, mean_variance, variance_variance, change = (float(v) for v in np.mean(pairs, axis=0))
     return LightLevel(
         exposure_s,
@@ -225,9 +225,9 @@ def measure_level(pictures: Sequence[Numbers], exposure_s: float, light: float) 
         variance_variance / len(pairs),
         change**0.5,
         4 * mean_variance,  # difference of two pictures, where the mean has both
-        bottom_pile(pictures[0]),
-        pictures[0].size * len(pairs),
-        _noise(pictures[0], pictures[1]),
+        bottom_pile(first),
+        first.size * len(pairs),
+        _noise(first, checked[1]),
     )
 
 

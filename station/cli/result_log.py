@@ -63,8 +63,8 @@ def finish(records: Sequence[PlaneResult], text: str, *, as_json: bool, strict: 
         )  # fmt: skip
     judged = {record.specification.judged for record in records if record.specification}
     if judged == {None}:
-        words = f"no limit of the specification holds for {', '.join(record.name for record in records)}"
-        log("specification", words, level="warning", remedy="name these planes in it, or measure those that it names")
+        missing = f"no limit of the specification holds for {', '.join(record.name for record in records)}"
+        log("specification", missing, level="warning", remedy="name these planes in it, or measure those that it names")
     if as_json:
         click.echo(text, nl=False)
     if any(record.verdict == "refused" for record in records):
