@@ -127,8 +127,10 @@ class Psf:
         if self.covariance.shape != (k * k, k * k):
             shape = self.covariance.shape
             raise BadParameter(f"the covariance of {k * k} samples is {k * k} square; got {shape}", "give all pairs")
-        if self.s < 1 or not np.isfinite(self.h).all():
-            raise BadParameter(f"a PSF has finite samples, s a pixel; got s = {self.s}", "give s = 1 or more")
+        if self.s < 1 or self.s != int(self.s) or not np.isfinite(self.h).all():
+            raise BadParameter(f"a PSF has finite samples, s a pixel; got s = {self.s}", "give s = 1 or more, whole")
+        if not 0 <= np.trace(self.covariance) < np.inf:
+            raise BadParameter("the variances of a PSF must be finite, 0 or more", "give their covariance")
         q = len(self.tail.amplitudes)
         if q > len(SHAPES) or (q and self.tail.cross.shape != (k * k, q)) or self.tail.covariance.shape != (q, q):
             raise ValueError(f"the tail's covariances must fit {k * k} samples and {q} of {len(SHAPES)} shapes")

@@ -53,6 +53,7 @@ STEPS_PER_CYCLE = 50  # frequencies of the curves per cycle/pixel
 KNOTS = slice(5, None, 5)
 """Frequencies of the curves at which uncertainty budgets are computed; in between they are interpolated."""
 STEP = 0.005  # half the interval around a crossing over which a curve's slope is taken, in cycles per pixel
+SUM_TOLERANCE = 0.01  # of the sum of the samples
 DIRECTIONS = 16  # directions of the radial mean over half a turn, a multiple of four
 NARROW_BANDS = (0.67, 0.75, 0.85)
 """Shares of the band with which a number is computed again: half of the largest change is its uncertainty by missing
@@ -194,6 +195,8 @@ def assess(
         The point about which widths, encircled energies and the Strehl ratio are taken.
     """
     checked_type(psf, Psf, "pass the psf of an estimate, outcome.result().psf, or field.at(x, y)")
+    if not abs(psf.h.sum() - 1) < SUM_TOLERANCE:
+        raise BadParameter(f"the samples of a PSF have the sum 1; got {psf.h.sum():g}", "divide them by their sum")
     f = frequencies(psf)
     zero = np.zeros_like(f)
     horizontal, vertical = psf.spectra(f, zero), psf.spectra(zero, f)

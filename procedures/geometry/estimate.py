@@ -29,6 +29,7 @@ SAME_DEG = 5.0  # greatest angle between the charts' normals and their mean that
 LEAST_VIEWS = 6  # with fewer, the shape of the chart and that of the lens are hardly distinguished
 FEWEST_VIEWS = 3  # fewer do not determine five pinhole parameters and the shape of a plane chart
 NODE_ERROR_ROUNDS = 2  # repetitions of the estimate of the node errors' standard deviation
+RIM = 0.01  # share of the frame by which points may lie outside it
 SMALL_SHARE = 0.6  # share of the frame covered by charts below which too much of it is extrapolated
 LOOSE_FOCAL = 0.005  # relative standard uncertainty of the focal length above which the views are too similar
 NEGLIGIBLE_PX = 0.005
@@ -58,6 +59,13 @@ class GeometryParameters:
     distances_mm: tuple[float, ...] = ()
     is_video: bool = False
     advise_px: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if not (0 < self.cell_mm < np.inf and 0 <= self.scale_uncertainty < np.inf):
+            raise BadParameter(
+                f"a cell and its uncertainty must be positive; got {self.cell_mm:g} mm, {self.scale_uncertainty:g}",
+                "measure the printed chart with a ruler",
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,7 +253,7 @@ def calibrate_geometry(
     nodes : (N, 3) float64, optional
         The plan of another board, in mm, to which the views' indices refer; None: the bins of the noise chart.
 
-    Raises BadParameter if the model is not known.
+    Raises BadParameter if the model is not known, or points lie outside the frame or the plan.
     """
     if parameters.model is not None:
         parameter_names(parameters.model)
@@ -257,6 +265,14 @@ def calibrate_geometry(
             f"a pixel of a frame of {size[0]} x {size[1]} must lie in it; got {x:g}, {y:g}", "name another"
         )
     nodes = chart_nodes(parameters.cell_mm) if nodes is None else nodes
+    for view in views:
+        inside = np.abs(view.points / np.array(size) - 0.5) < 0.5 + RIM
+        if not (inside.all() and np.isin(view.index, np.arange(len(nodes))).all()):
+            raise BadParameter(
+                f"points must lie in the frame of {size[0]} x {size[1]} and be nodes of the plan; one of {view.source} "
+                "is not",
+                "give the size of the frame in sensor pixels, and the plan of this chart",
+            )
     start = None
     try:
         if len(views) < FEWEST_VIEWS:

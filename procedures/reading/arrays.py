@@ -119,7 +119,7 @@ def checked_array(
     if shape is not None and not _has_shape(array.shape, shape):
         raise BadInput(f"{what} must be {_in_words(shape)}; got {_in_words(array.shape)}", remedy)
     if finite and array.size:
-        least, most = array.min(), array.max()  # NaN where one is
+        least, most = float(array.min()), float(array.max())  # NaN where one is
         if not (low <= least and most <= high):
             given = f"{least:g} to {most:g}" if least <= most else "NaN"
             raise BadInput(f"{what} must be finite, from {low:g} to {high:g}; got {given}", remedy)

@@ -43,7 +43,7 @@ def refocus(
 ) -> RefocusedPicture:
     """The picture that a camera with this setting would have taken.
 
-    Raises BadParameter if the sizes differ, or a blur circle would be wider than 128 pixels.
+    Raises BadParameter if sizes differ, a distance is not positive, or a blur circle would be wider than 128 pixels.
 
     sharp : (C, H, W), linear
     metres : (H, W) distance from the lens; infinity is allowed
@@ -55,6 +55,8 @@ def refocus(
             f"picture (C, H, W) and distances (H, W) must have one size; got {sharp.shape} and {metres.shape}",
             "give those of one restoration",
         )
+    if not np.all(metres > 0):
+        raise BadParameter("distances must be positive; NaN, 0 or less was given", "give metres from the lens")
     radius = setting.blur_radius_px(1000 * np.asarray(metres, np.float64))
     widest = float(np.abs(radius).max())
     if widest > MOST_RADIUS_PX:

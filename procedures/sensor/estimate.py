@@ -99,6 +99,9 @@ def characterise(recording: SensorRecording, rng: np.random.Generator) -> Outcom
     numbers = result.numbers
     result = replace(result, caveat=outcome.reason)
     checks += stack_checks(recording, numbers[SATURATION_SIGNAL].value)
+    checks.append(Check("gain", bool(numbers[SYSTEM_GAIN].value <= 0), 0, REFUSED,
+                        "temporal noise must grow with the light; it does not",
+                        "give unprocessed pictures, in digital numbers, and several of a level"))  # fmt: skip
     checks.append(linearity_check(numbers[LINEARITY_ERROR].value))
     return verdict_of(checks, _spatial(result, recording, rng))
 
@@ -253,8 +256,8 @@ def ladder_checks(recording: SensorRecording) -> list[Check]:
               "raise the camera's black level (offset), and switch its black correction off"),
         Check("flicker", spread, FLICKER_REFUSED, REFUSED,
               f"light must not change between pictures; it does by {spread:.1%}", steady),
-        Check("order", bool(np.any(signal <= 0)), 0, REFUSED,
-              "every level of light must be brighter than the dark; one is not",
+        Check("order", bool(np.any(signal <= 0) or recording.lights[0].light <= 0), 0, REFUSED,
+              "every level of light must be positive, and brighter than the dark; one is not",
               "check which pictures are dark ones, and begin the ladder at more light"),
         Check("saturation", bool(variance[-1] >= BELOW_MAXIMUM * variance[top]), 0, REFUSED,
               "the ladder must go beyond saturation, where temporal noise falls; it does not",

@@ -13,6 +13,7 @@ from scipy.ndimage import convolve1d, uniform_filter
 from procedures.corruption.noise import Variogram
 from procedures.numerics.arrays import Array
 from procedures.outcome import BadInput
+from procedures.reading.arrays import Shape, checked_array
 from procedures.sensor.rounding import NEGLIGIBLE
 
 BOXES = (7, 11)
@@ -68,8 +69,8 @@ class StackSums:
         self._columns: list[Array] = []
 
     def add(self, picture: Numbers) -> None:
-        """Add one picture (rows, columns) of digital numbers."""
-        values = np.asarray(picture, dtype=np.float64)
+        """Add one picture (rows, columns) of digital numbers. Raises BadInput as `measure_level`."""
+        values = _checked(picture, (None, None) if self._zero is None else self._zero.shape)
         if self._zero is None:
             self._zero = values  # sums of differences from it keep all digits
             self._total, self._squares = np.zeros_like(values), np.zeros_like(values)
@@ -100,11 +101,16 @@ class StackSums:
 
 
 def measure_stack(pictures: Iterable[Numbers], exposure_s: float, light: float) -> FrameStack:
-    """Stack of three pictures or more. Raises ValueError for fewer."""
+    """Stack of three pictures or more. Raises BadInput for fewer, and as `measure_level`."""
     sums = StackSums()
     for picture in pictures:
         sums.add(picture)
     return sums.stack(exposure_s, light)
+
+
+def _checked(picture: Numbers, shape: Shape) -> Array:
+    remedy = "give whole pictures of one plane, in digital numbers"
+    return np.asarray(checked_array(picture, "a picture", shape, remedy=remedy))
 
 
 def slow_part(picture: Array) -> Array:
@@ -124,8 +130,7 @@ def slow_part(picture: Array) -> Array:
 class SensorRecording:
     """One plane's levels and stacks, in digital numbers.
 
-    darks : without light, by exposure time
-    lights : by light
+    darks : without light; lights : with light; in any order, kept by exposure time and by light
     photons_known : whether `light` is photons per pixel
     """
 
@@ -134,6 +139,10 @@ class SensorRecording:
     photons_known: bool
     dark_stack: FrameStack | None
     flat_stack: FrameStack | None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "darks", tuple(sorted(self.darks, key=lambda one: one.exposure_s)))
+        object.__setattr__(self, "lights", tuple(sorted(self.lights, key=lambda one: one.light)))
 
     @property
     def dark_weights(self) -> Array:
@@ -199,11 +208,13 @@ def measure_level(pictures: Sequence[Numbers], exposure_s: float, light: float) 
 
     pictures : at least two (rows, columns) of digital numbers
 
-    Raises BadInput if there are fewer than two.
+    Raises BadInput if there are fewer than two, they differ in size, or are not finite.
     """
     if len(pictures) < 2:
         raise BadInput(f"temporal noise needs two pictures of a level; got {len(pictures)}", "take further ones")
-    pairs = [_measure_pair(a, b) for a, b in zip(pictures[::2], pictures[1::2], strict=False)]
+    first = _checked(pictures[0], (None, None))
+    checked = [first, *(_checked(one, first.shape) for one in pictures[1:])]
+    pairs = [_measure_pair(a, b) for a, b in zip(checked[::2], checked[1::2], strict=False)]
     mean, variance, mean_variance, variance_variance, change = (float(v) for v in np.mean(pairs, axis=0))
     return LightLevel(
         exposure_s,
@@ -214,24 +225,23 @@ def measure_level(pictures: Sequence[Numbers], exposure_s: float, light: float) 
         variance_variance / len(pairs),
         change**0.5,
         4 * mean_variance,  # difference of two pictures, where the mean has both
-        bottom_pile(pictures[0]),
-        pictures[0].size * len(pairs),
-        _noise(pictures[0], pictures[1]),
+        bottom_pile(first),
+        first.size * len(pairs),
+        _noise(first, checked[1]),
     )
 
 
-def _noise(a: Numbers, b: Numbers) -> Variogram:
+def _noise(a: Array, b: Array) -> Variogram:
     """Noise of two pictures around the middle, without that common to rows or columns."""
     middle = tuple(slice((n - min(n, JUDGED_PX)) // 2, (n + min(n, JUDGED_PX)) // 2) for n in a.shape)
-    difference = np.subtract(a[middle], b[middle], dtype=np.float64)
+    difference = a[middle] - b[middle]
     for axis in (0, 1):
         difference -= difference.mean(axis=axis, keepdims=True)
     return Variogram.of(difference, np.ones(difference.shape, dtype=bool))
 
 
-def _measure_pair(a: Numbers, b: Numbers) -> tuple[float, float, float, float, float]:
+def _measure_pair(first: Array, second: Array) -> tuple[float, float, float, float, float]:
     """Mean, temporal variance, the variances of both, and the square of the change, from two pictures."""
-    first, second = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
     difference = second - first
     change = float(difference.mean())
     difference -= change

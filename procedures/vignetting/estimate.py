@@ -16,7 +16,7 @@ from procedures.numbers import (
     VIGNETTING_NOT_RADIAL,
 )
 from procedures.numerics.arrays import Array
-from procedures.outcome import Check, Outcome, Quantity, Refused, Verdict, verdict_of
+from procedures.outcome import BadInput, Check, Outcome, Quantity, Refused, Verdict, verdict_of
 from procedures.raw import FrameLike, Plane, as_frame
 from procedures.vignetting.surface import Falloff, RadialFalloff, cells_of, fit_falloff, fit_radial
 
@@ -72,11 +72,17 @@ def estimate_vignetting(
     -------
     dict of plane to Outcome[PlaneVignetting]
 
-    Raises Refused if there is none.
+    Raises Refused if there is none, BadInput if they differ in planes or sizes.
     """
-    if not flats:
-        raise Refused("vignetting needs photographs of even light; there is none", "give one flat, better four")
     named = [flat if isinstance(flat, tuple) else _named(flat, n) for n, flat in enumerate(flats, 1)]
+    if not named:
+        raise Refused("vignetting needs photographs of even light; there is none", "give one flat, better four")
+    sizes = {tuple((one, plane.samples.shape) for one, plane in planes.items()): name for name, planes in named}
+    if len(sizes) > 1:
+        raise BadInput(
+            f"flats must have the same planes and sizes; {' and '.join(sizes.values())} differ",
+            "give photographs of one camera, in one format",
+        )
     outcomes: dict[str, Outcome[PlaneVignetting]] = {}
     for name, first in named[0][1].items():
         try:

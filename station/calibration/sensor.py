@@ -130,7 +130,10 @@ def _gather(gathered: dict[str, _Gathered], shots: Shots, frames: Iterator[RawFr
     first: dict[str, list[Numbers]] = {}
     sums: dict[str, StackSums] = {}
     taken: list[Path] = []
+    same: dict[str, Path] = {}
     for frame in frames:
+        if (other := same.setdefault(frame.sha256, frame.path)) is not frame.path and _varies(frame):
+            raise BadInput(f"pictures must differ; {frame.path} has the content of {other}", "take the level again")
         if gathered and list(frame.planes) != list(gathered):
             raise BadInput(f"{frame.path} has other planes than the pictures before it", _ONE_CAMERA)
         for name, plane in frame.planes.items():
@@ -161,6 +164,12 @@ def _gather(gathered: dict[str, _Gathered], shots: Shots, frames: Iterator[RawFr
             of.spectra.append(measure_noise_power(pictures, np.nan))
 
 
+def _varies(frame: RawFrame) -> bool:
+    """Whether most samples are neither at the lowest nor at the highest number, as in clipped pictures."""
+    samples = frame.guide.samples
+    return bool(samples.min() < np.median(samples) < samples.max())
+
+
 _ONE_CAMERA = "give pictures of one camera at one setting, in one format"
 
 
@@ -188,8 +197,8 @@ def _step(numbers: Numbers) -> float:
 
 
 def _once(levels: Sequence[LightLevel], of: Callable[[LightLevel], float]) -> tuple[LightLevel, ...]:
-    """The levels in order, the first of each: that of the ladder where a stack repeats it."""
+    """The first of the levels of each: that of the ladder where a stack repeats it."""
     first: dict[float, LightLevel] = {}
     for level in levels:
         first.setdefault(of(level), level)
-    return tuple(first[at] for at in sorted(first))
+    return tuple(first.values())

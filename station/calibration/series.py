@@ -89,7 +89,12 @@ NOTED = ("f_number", "focus_distance_mm", "iso", "focus_steps")
 def points_of(rows: Sequence[Any]) -> list[Point]:
     """Every number of every plane at every setting, in order, from the usable rows of a batch."""
     means: dict[tuple[str, str, SeriesSetting], list[tuple[float, float, str]]] = {}
+    contents: set[tuple[str, ...]] = set()
     for row in rows:
+        content = tuple(row.sha256)
+        if content and content in contents:
+            continue  # a copy is no second photograph
+        contents.add(content)
         setting = SeriesSetting(*(_number(row.noted.get(key)) for key in NOTED))
         for plane, one in row.planes.items():
             for number, parts in NUMBERS.items() if one.verdict in ("pass", "doubtful") else ():

@@ -17,7 +17,7 @@ from station.common.progress import Progress, silent
 from station.results.exports import csv_columns
 from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
-from station.results.record_head import InputFile, RecordHead
+from station.results.record_head import InputFile, RecordHead, files_read
 from station.results.result_files import npy
 
 SCHEMA = "station/vignetting/1"
@@ -62,20 +62,10 @@ def flats_of(frames: Iterable[RawFrame], progress: Progress = silent) -> Flats:
     flats: list[tuple[str, Mapping[str, Plane]]] = []
     inputs: list[tuple[Path, str]] = []
     for frame in frames:
-        path = frame.path
-        if flats and _shapes(frame.planes) != _shapes(flats[0][1]):
-            raise BadInput(
-                f"flats must have the same planes and sizes; {path.name} and {inputs[0][0].name} differ",
-                "give photographs of one camera, in one format",
-            )
-        flats.append((path.name, frame.planes))
-        inputs.append((path, frame.sha256))
-        progress(f"read {path.name}")
+        flats.append((frame.path.name, frame.planes))
+        inputs.append((frame.path, frame.sha256))
+        progress(f"read {frame.path.name}")
     return Flats(tuple(inputs), estimate_vignetting(flats))
-
-
-def _shapes(planes: Mapping[str, Plane]) -> dict[str, tuple[int, ...]]:
-    return {name: plane.samples.shape for name, plane in planes.items()}
 
 
 def vignetting_measurement(flats: Flats) -> Measurement:
@@ -87,7 +77,7 @@ def vignetting_measurement(flats: Flats) -> Measurement:
         "covariance": COVARIANCE,
     }  # fmt: skip
     maps = {f"vignetting_{name}.csv": _map(value) for name, value in values.items()}
-    head = RecordHead("vignetting", tuple(InputFile(str(path), sha256) for path, sha256 in flats.inputs))
+    head = RecordHead("vignetting", files_read([InputFile(str(path), sha256) for path, sha256 in flats.inputs]))
     return Measurement(
         SCHEMA, head, tuple(_plane(name, plane) for name, plane in flats.planes.items()), {"formula": formula},
         {**maps, COVARIANCE: npy(joint.covariance)}, flats.missed,

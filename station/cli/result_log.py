@@ -47,7 +47,7 @@ def finish(records: Sequence[PlaneResult], text: str, *, as_json: bool, strict: 
     """Log the verdicts against the specification, write the record to stdout if requested, and exit.
 
     The exit code is that of a refusal if a plane was refused, else 1 if one misses its specification, or, where that
-    is `strict`, is doubtful or undecided.
+    is `strict`, is doubtful, undecided, or compared with no limit at all.
     """
     from station.results.comparison import specification_words
 
@@ -61,11 +61,14 @@ def finish(records: Sequence[PlaneResult], text: str, *, as_json: bool, strict: 
             "specification", "; ".join(words), level=SPECIFICATION_LEVELS[verdict], plane=one.name,
             specification=verdict,
         )  # fmt: skip
+    judged = {record.specification.judged for record in records if record.specification}
+    if judged == {None}:
+        missing = f"no limit of the specification holds for {', '.join(record.name for record in records)}"
+        log("specification", missing, level="warning", remedy="name these planes in it, or measure those that it names")
     if as_json:
         click.echo(text, nl=False)
     if any(record.verdict == "refused" for record in records):
         raise click.exceptions.Exit(REFUSED)
-    judged = {record.specification.judged for record in records if record.specification}
-    unsure = any(record.verdict != "pass" for record in records) or "undecided" in judged
+    unsure = any(record.verdict != "pass" for record in records) or "undecided" in judged or judged == {None}
     if "does not meet" in judged or (strict and unsure):
         raise click.exceptions.Exit(FAILED)

@@ -159,8 +159,9 @@ def _judge(record: PlaneResult, limit: Limit, pixels: Pixels, spots: Sequence[Sp
 
 
 def _of_number(record: PlaneResult, limit: Limit, spot: Spot, name: str, pixels: Pixels) -> Judgement:
-    factor = pixels.factor(limit.unit)
     quantity = _number(record, spot, name)
+    is_frequency = limit.at is not None or (quantity is not None and quantity.unit == CYCLES)
+    factor = pixels.factor(limit.unit) if is_frequency else 1.0
     shown = None if quantity is None else convert_quantity(quantity, limit.unit, factor)
     value, uncertainty = (None, 0.0) if shown is None else (shown.value, shown.uncertainty)
     judged = _judged(value, limit.coverage * uncertainty, limit)

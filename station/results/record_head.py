@@ -16,7 +16,7 @@ class ReadFile(Protocol):
     """A file that was read: a photograph, a frame of a session."""
 
     @property
-    def path(self) -> Path:
+    def path(self) -> Path | str:
         """Path of the file."""
 
     @property
@@ -84,7 +84,7 @@ def files_read(files: Sequence[ReadFile]) -> tuple[InputFile, ...]:
     first: dict[str, ReadFile] = {}
     for file in files:
         if file.sha256 and (other := first.setdefault(file.sha256, file)) is not file:
-            raise BadInput(f"photographs must differ; {file.path} has the content of {other.path}", "give it once")
+            raise BadInput(f"inputs must differ; {file.path} has the content of {other.path}", "give it once")
     return tuple(InputFile(str(file.path), file.sha256) for file in files)
 
 

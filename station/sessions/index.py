@@ -139,13 +139,13 @@ class Index:
         return [IndexEntry(self.root / row[0], row[1] or "", row[2] or "", *row[3:]) for row in rows]
 
     def measured(self, wanted: Filter | None = None, quantities: Sequence[str] = ()) -> list[IndexedNumber]:
-        """The numbers of the sessions' last results, oldest first; all quantities where none is named."""
+        """The numbers with an uncertainty of the sessions' last results, oldest first; all where none is named."""
         clause, values = _where(wanted or Filter())
         rows = self._database.execute(
             "SELECT folder, cameras.name, lenses.name, plan, began, plane, results.verdict, quantity, value, unit,"
             " uncertainty FROM results JOIN sessions ON sessions.id = session"
             " JOIN cameras ON cameras.id = camera JOIN lenses ON lenses.id = lens"
-            f" {clause} {'AND' if clause else 'WHERE'} value IS NOT NULL AND uncertainty IS NOT NULL"
+            f" {clause} {'AND' if clause else 'WHERE'} value IS NOT NULL AND uncertainty > 0"
             " ORDER BY began, folder, plane, quantity",
             values,
         )

@@ -83,6 +83,9 @@ def test_readme_and_manual_show_the_same_lines_and_a_refused_outcome_says_why():
         outcome.result()
 
 
+PICTURE, LENS = np.ones((1, 40, 40)), procedures.CameraSetting(50.0, 2.8, 2000.0, 6.0)
+
+
 @pytest.mark.parametrize(
     ("make", "reason"),
     [
@@ -91,6 +94,12 @@ def test_readme_and_manual_show_the_same_lines_and_a_refused_outcome_says_why():
         (lambda: procedures.PatternParameters(at=(float("nan"),)), "frequencies must be finite"),
         (lambda: procedures.Psf(np.full((5, 5), np.nan), 4, np.eye(25)), "a PSF has finite samples"),
         (lambda: procedures.Psf(np.ones((4, 4)), 4, np.eye(16)), "a PSF is an odd square of samples"),
+        (lambda: procedures.assess(procedures.Psf(np.ones((5, 5)), 4, np.eye(25)), n=1), "have the sum 1"),
+        (lambda: procedures.Psf(np.ones((5, 5)) / 25, 4, -np.eye(25)), "variances of a PSF must be finite"),
+        (lambda: procedures.GeometryParameters(-1.0), "must be positive"),
+        (lambda: procedures.CameraSetting(50.0, float("nan"), 2000.0, 6.0), "must be positive"),
+        (lambda: procedures.refocus(PICTURE, -PICTURE[0], LENS, procedures.pillbox()), "must be positive"),
+        (lambda: procedures.stacks_of([procedures.pillbox()], (1.0, 2.0), 6.0, (90, 90)), "need as many ratios"),
     ],
 )
 def test_arguments_that_cannot_be_meant_are_refused_with_a_remedy(make, reason):

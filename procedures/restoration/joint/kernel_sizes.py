@@ -41,8 +41,14 @@ def stacks_of(
 
     ratios, offsets : half-width of each is ratio times w plus offset, pixels; offsets default to 0 (4.8, 4.14).
 
-    Raises BadParameter if a ratio is not positive, or the masks are too large for the photographs.
+    Raises BadParameter if a ratio or w is not positive, a shape has no ratio, or the masks are too large.
     """
+    if len(ratios) != len(shapes) or len(offsets) not in (0, len(shapes)) or not 0 < max_w < np.inf:
+        raise BadParameter(
+            f"{len(shapes)} shapes need as many ratios, offsets or none, and a largest w above 0; got {len(ratios)}, "
+            f"{len(offsets)} and {max_w:g}",
+            "give one of each for every photograph",
+        )
     for ratio in ratios:
         if not 0 < ratio < np.inf:
             raise BadParameter(f"a ratio of w must be positive, got {ratio:g}", "give w of that photograph over w of 1")

@@ -31,7 +31,7 @@ def gaussian_constant(psfs: Sequence[Psf], radii_px: npt.ArrayLike) -> GaussianC
     Raises BadParameter unless each PSF has a radius, and two or more differ and are a pixel or more.
     """
     r = np.abs(np.asarray(radii_px, np.float64))
-    if len(psfs) != len(r) or len(np.unique(r.round(3))) < 2 or r.min() < SMALLEST_PX:
+    if len(psfs) != len(r) or len(np.unique(r.round(3))) < 2 or not SMALLEST_PX <= r.min() < np.inf:
         raise BadParameter(
             f"k needs two PSFs of different blur, each with a radius of {SMALLEST_PX:g} pixel or more; got "
             f"{len(psfs)} with the radii {', '.join(f'{one:.2f}' for one in r)}",

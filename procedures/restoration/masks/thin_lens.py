@@ -25,9 +25,9 @@ class CameraSetting:
     spread: float = 1.0
 
     def __post_init__(self) -> None:
-        if min(self.focal_length_mm, self.f_number, self.pitch_um) <= 0:
+        if not all(0 < one < np.inf for one in (self.focal_length_mm, self.f_number, self.pitch_um)):
             raise BadParameter("focal length, f-number and pixel pitch must be positive", "take them from the camera")
-        if self.focus_mm <= self.focal_length_mm:
+        if not self.focus_mm > self.focal_length_mm:
             raise BadParameter(
                 f"the plane of focus must lie beyond the focal length, got {self.focus_mm} mm",
                 "measure it from the lens",

@@ -31,7 +31,7 @@ from station.drawing.pictures import described_tiff, display_png, float_tiff
 from station.procedure.base import Inputs, Procedure, Settings, setting
 from station.results.measurement import Measurement
 from station.results.plane_result import PlaneResult
-from station.results.record_head import InputFile, RecordHead, verdict_entry
+from station.results.record_head import InputFile, RecordHead, files_read, verdict_entry
 from station.results.result_files import npy
 from station.results.terms import USUAL, Terms
 
@@ -102,7 +102,8 @@ class RaysSettings(Settings, frozen=True, kw_only=True):
     def sources(self, films: Sequence[Path], i: int) -> list[Path]:
         """The files that the result of frame i comes from, its own first."""
         beside = [*films[max(0, i - self.reach) : i], *films[i + 1 : i + 1 + self.reach]]
-        others = (self.picture, *self.add, *self.neighbour, self.reference)
+        picture = None if self.picture == films[i] else self.picture
+        others = (picture, *self.add, *self.neighbour, self.reference)
         return [films[i], *beside, *(path for path in others if path is not None)]
 
 
@@ -260,7 +261,7 @@ class Rays(Procedure[RaysSettings]):
         given |= {"published": True} if settings.published else {}
         given |= {name: True for name in ("blend", "oidn") if getattr(settings, name)}
         given |= {"reach": settings.reach} if films > 1 else {}
-        read = tuple(InputFile(str(path), hashlib.sha256(path.read_bytes()).hexdigest()) for path in sources)
+        read = files_read([InputFile(str(path), hashlib.sha256(path.read_bytes()).hexdigest()) for path in sources])
         head = RecordHead(self.name, read, given)
         plane = PlaneResult.of_outcome("render", result.outcome, values=result.numbers(), pitch=0)
         entries, files = result.entries(), result.files()

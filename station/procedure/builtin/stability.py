@@ -13,7 +13,7 @@ from station.procedure.base import Inputs, Procedure, Settings, plane_result, se
 from station.results.exports import csv_columns
 from station.results.measurement import Measurement
 from station.results.reader import read_result
-from station.results.record_head import InputFile, RecordHead
+from station.results.record_head import InputFile, RecordHead, files_read
 from station.results.result_files import RECORD
 
 AGAIN = "name results of station psf pattern or psf two-photo, of one camera in one place"
@@ -46,6 +46,7 @@ class StabilityOfPsf(Procedure[StabilitySettings]):
 
     def measured(self, paths: Sequence[Path], settings: StabilitySettings, progress: Progress) -> Measurement:
         by_plane: list[dict[str, tuple[Array, int]]] = []
+        photographs: list[InputFile] = []
         for path in paths:
             folder = path.parent if path.is_file() else path
             measured = read_result(folder)
@@ -58,7 +59,9 @@ class StabilityOfPsf(Procedure[StabilitySettings]):
             if not psfs:
                 raise BadInput(f"{folder} has no PSF", AGAIN)
             by_plane.append(psfs)
+            photographs.append(InputFile(str(path), " ".join(one.sha256 for one in measured.head.input)))
             progress(f"read {path}")
+        files_read(photographs)
         names = [name for name in by_plane[0] if all(name in one for one in by_plane)]
         if not names:
             raise BadInput("the results must have a plane in common", AGAIN)

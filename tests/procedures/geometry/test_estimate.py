@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from procedures import GeometryParameters, Verdict, calibrate_geometry
+from procedures import BadParameter, GeometryParameters, Verdict, calibrate_geometry
 from procedures.geometry.views import ChartView, chart_nodes, greatest_tilt
 
 from .conftest import PLAIN, SMALL
@@ -58,6 +58,8 @@ def test_two_views_are_refused_and_few_are_doubtful(taken):
     found = calibrate_geometry(taken.views[:2], PLAIN.size, GeometryParameters(CELL_MM), nodes=taken.nodes)
     assert (found.value, found.verdict) == (None, Verdict.REFUSED)
     assert "needs 3 views of the chart and better 12; there are 2" in found.reason
+    with pytest.raises(BadParameter, match="points must lie in the frame of 3000 x 2000"):
+        calibrate_geometry(taken.views, (3000, 2000), GeometryParameters(CELL_MM), nodes=taken.nodes)
     parameters = GeometryParameters(CELL_MM, model="OPENCV")
     found = calibrate_geometry(taken.views[:5], PLAIN.size, parameters, nodes=taken.nodes)
     assert "5 views are too few" in found.reason

@@ -193,6 +193,7 @@ REFUSED, DOUBTFUL = Verdict.REFUSED, Verdict.DOUBTFUL
         ({}, {"stack": 5}, DOUBTFUL, "only 5 pictures"),
         ({"bend": 0.2}, {}, DOUBTFUL, "from a line"),
         ({}, {"exposures_s": (0.01,), "light_s": 2.0}, DOUBTFUL, "as long as"),
+        ({}, {"shares": [0.0, *np.linspace(0.05, 1.2, 20)]}, REFUSED, "must be positive"),
         ({"dark_noise_e": 2.0, "dsnu_dn": 0.0}, {}, DOUBTFUL, "rounding dominates"),
     ],
 )
@@ -207,6 +208,6 @@ def test_an_outlying_level_is_named():
     recording = SMALL.record(3, stack=0)
     lights = list(recording.lights)
     lights[30] = replace(lights[30], mean=lights[30].mean * 1.1)
-    outcome = characterise(replace(recording, lights=tuple(lights)), np.random.default_rng(0))
+    outcome = characterise(replace(recording, lights=tuple(lights[::-1])), np.random.default_rng(0))  # in any order
     assert outcome.verdict is Verdict.DOUBTFUL
     assert f"that of light {lights[30].light:g}" in outcome.reason

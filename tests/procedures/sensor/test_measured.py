@@ -37,6 +37,10 @@ def test_the_variance_of_a_level_is_that_of_noise_alone_from_pictures_enough(rng
     assert level.change == pytest.approx(100, abs=0.5)
     with pytest.raises(BadInput, match="two pictures"):
         measure_level([rng.normal(0, 1, (4, 4))], 1.0, 1.0)
+    with pytest.raises(BadInput, match=r"an array \(4, 4\); got an array \(1, 4\)"):
+        measure_level([first[:4, :4], first[:1, :4]], 1.0, 1.0)
+    with pytest.raises(BadInput, match="finite"):
+        measure_stack([first, first * np.nan], 1.0, 1.0)
     with pytest.raises(BadInput, match="3 pictures or more; got 2"):
         measure_stack(rng.normal(0, 1, (2, 4, 4)), 1.0, 1.0)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from procedures import Plane, Refused, Verdict
+from procedures import BadInput, Plane, Refused, Verdict
 from procedures.vignetting.estimate import NAMES, estimate_vignetting, frame_places, joint_formula
 
 ROWS, COLUMNS = 320, 480
@@ -115,6 +115,8 @@ def test_a_radial_falloff_fits_the_formula(outcomes):
 def test_no_flat_one_flat_and_structure_are_refused_or_doubtful():
     with pytest.raises(Refused, match="needs photographs of even light"):
         estimate_vignetting([])
+    with pytest.raises(BadInput, match="same planes and sizes; flat 1 and flat 2 differ"):
+        estimate_vignetting([np.full((96, 128), 0.5), np.full((96, 130), 0.5)])
     outcome = estimate_vignetting([("one", {"G1": flat(np.random.default_rng(1))})])["G1"]
     assert outcome.verdict is Verdict.DOUBTFUL
     assert "slope of the light" in outcome.reason

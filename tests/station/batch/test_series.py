@@ -2,6 +2,7 @@
 
 import csv
 import io
+from dataclasses import replace
 
 import html5lib
 import numpy as np
@@ -31,6 +32,8 @@ def test_photographs_of_one_setting_are_put_together_in_order():
     (point,) = points_of([row(4.0, 0.29, 0.001), row(4.0, 0.31, 0.001)])
     # of two values the standard error is half their distance
     assert point.uncertainty == pytest.approx(0.01)
+    (point,) = points_of([replace(row(4.0, 0.30, 0.002), sha256=("a",))] * 2)  # a photograph and its copy
+    assert (point.uncertainty, point.photographs) == (pytest.approx(0.002), 1)
     points = points_of([row(8.0, 0.3), row(4.0, 0.3), row(4.0, 0.2, iso=400.0), row(4.0, 0.3, plane="B")])
     assert [(one.plane, one.setting.f_number, one.setting.iso) for one in points] == [
         ("B", 4.0, 100.0), ("G1", 4.0, 100.0), ("G1", 4.0, 400.0), ("G1", 8.0, 100.0),

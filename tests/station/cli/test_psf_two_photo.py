@@ -30,7 +30,7 @@ def test_the_pair_is_measured_in_either_order(near, far, tmp_path):
 def test_a_refusal_keeps_no_psf_and_names_the_remedy(near, tmp_path):
     out, same, again = tmp_path / "out", tmp_path / "same.pgm", tmp_path / "again.pgm"
     same.write_bytes(near.read_bytes())
-    run("psf", "two-photo", near, same, "--out", out, code=4, says="photographs must differ")
+    run("psf", "two-photo", near, same, "--out", out, code=4, says="inputs must differ")
     again.write_bytes(near.read_bytes()[:-1] + b"\0")
     run("psf", "two-photo", near, again, "--out", out, code=5)
     assert sorted(path.name for path in out.iterdir()) == ["result.json"]

@@ -79,6 +79,12 @@ def test_a_blend_of_other_films_is_refused(small, tmp_path, words, says):
     run("rays", small, *words, "--out", tmp_path / "out", code=2, says=says)
 
 
+def test_a_copy_of_a_film_adds_no_samples(small, tmp_path):
+    (tmp_path / "copy.npz").write_bytes(small.read_bytes())
+    words = "--add", tmp_path / "copy.npz", "--scales", "1", "--out", tmp_path / "out"
+    run("rays", small, *words, code=4, says="copy.npz has the content of")
+
+
 def test_the_published_filter_ends_similarity_at_a_threshold(small, tmp_path):
     run("rays", small, "--out", tmp_path / "ours", "--scales", "1")
     run("rays", small, "--published", "--out", tmp_path / "paper", "--scales", "1")

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shutil
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 
@@ -143,8 +144,9 @@ def test_ladder_without_saturation_is_refused(grey, tmp_path):
     [
         (lambda write: write("light", 0.5, replace(write.sensor, rows=50)), "of one size"),
         (lambda write: write("light", 0.55, count=1), "temporal noise needs two"),
+        (lambda write: shutil.copy(write.folder / "p003.png", write.folder / "p004.png"), "has the content of"),
     ],
-    ids=["two sizes", "a single picture of a level"],
+    ids=["two sizes", "a single picture of a level", "a copy"],
 )
 def test_inconsistent_pictures_are_refused(grey, tmp_path, more, words):
     ladder(grey, 1.2)

@@ -39,3 +39,11 @@ def test_a_result_without_a_psf_is_named(results, tmp_path):
     said = run("psf", "stability", results[0], "nosuch", results[0], "--out", tmp_path / "o", code=4).stderr
     assert "nosuch/result.json cannot be read: No such file or directory" in said
     assert "compute the result again, or name another" in said
+
+
+def test_results_of_one_photograph_are_no_repetition(results, tmp_path):
+    for folder in results[:2]:
+        record = json.loads((folder / "result.json").read_text())
+        record["input"] = [{"path": f"{folder.name}.dng", "sha256": "a" * 64}]
+        (folder / "result.json").write_text(json.dumps(record))
+    run("psf", "stability", *results, "--out", tmp_path / "o", code=4, says="r1 has the content of")

@@ -1,6 +1,7 @@
-"""`station vignetting`: flats that cannot be read."""
+"""`station vignetting`: flats that cannot be read, copies, limits of other planes."""
 
 import json
+import shutil
 
 import cv2
 import numpy as np
@@ -33,3 +34,16 @@ def test_flats_of_which_none_can_be_read_are_refused(flats, tmp_path):
         path.write_bytes(b"no picture")
     run("vignetting", flats, "--out", tmp_path / "out", code=4, says="none of 3 photographs can be used")
     assert not (tmp_path / "out").exists()
+
+
+def test_a_copy_of_a_flat_is_no_second_one(flats, tmp_path):
+    shutil.copy(flats / "a.png", flats / "d.png")
+    run("vignetting", flats, "--out", tmp_path / "out", code=4, says="d.png has the content of")
+
+
+def test_a_specification_of_other_planes_is_no_pass(flats, tmp_path):
+    (tmp_path / "limits.toml").write_text('[limits]\ncorner_light = { min = 0.1, planes = ["G1"] }\n')
+    words = "--specification", tmp_path / "limits.toml", "--strict"
+    run(
+        "vignetting", flats, *words, "--out", tmp_path / "out", code=1, says="no limit of the specification holds for Y"
+    )

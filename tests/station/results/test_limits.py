@@ -149,6 +149,7 @@ def test_limit_in_another_unit_is_the_same_limit(unit, factor):
 def test_results_in_other_units_need_the_pitch_and_are_the_same():
     with pytest.raises(BadParameter, match="lp/mm needs the pitch of the sensor's pixels"):
         one(Limit("mtf50_radial", least=1.0, unit=Unit.LINE_PAIRS), pixels=Pixels(2))
+    assert one(Limit("fwhm_horizontal", least=0.0, unit=Unit.LINE_PAIRS), pixels=Pixels(2)).judged == "meets"
     psf = gaussian(sd=1e-5)
     plane = PlaneResult.of("G1", Verdict.PASS, psf, assess(psf, n=1, at=(0.25,)))
     stated = plane.in_unit(Unit.LINE_PAIRS, Pixels(2, 4.0))

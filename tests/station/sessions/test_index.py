@@ -18,7 +18,11 @@ def make(root, camera="Box", lens="50 mm", mtf50=None, day=14, plan="pattern", v
     with Session.create(root, **about, today=lambda: when) as session:
         if mtf50 is not None:
             number = {"value": mtf50, "unit": "cycles/pixel", "uncertainty": 0.002, "method": "m", "n": 100}
-            planes = {"G1": {"verdict": verdict, "mtf50_horizontal": number}, "B": {"verdict": "refused"}}
+            exact = {**number, "uncertainty": 0.0}
+            planes = {
+                "G1": {"verdict": verdict, "mtf50_horizontal": number, "scale": exact},
+                "B": {"verdict": "refused"},
+            }
             with ResultFolder(session.result_folder()) as files:
                 files.write("result.json", json.dumps({"planes": planes}).encode())
                 files.publish()
@@ -67,6 +71,7 @@ def test_filters_hold_together(root, wanted, count):
 def test_numbers_of_results_come_oldest_first(root):
     with Index(root) as index:
         numbers = index.measured(Filter(camera="Box"), ["mtf50_horizontal"])
+        assert index.measured(Filter(camera="Box"), ["scale"]) == []  # no weight without an uncertainty
     assert [(one.plane, one.value, one.uncertainty) for one in numbers] == [("G1", 0.30, 0.002), ("G1", 0.29, 0.002)]
 
 
