@@ -113,7 +113,7 @@ class ProcedureTable(SpecificationTable):
     """The keys of every procedure file."""
 
     procedure: Annotated[str, one_of(procedure_names)] = USUAL_PROCEDURE
-    specification: str = ""
+    specification: Path | None = None
     at: tuple[FrequencyValue, ...] = ()
 
 
@@ -126,7 +126,7 @@ def _file_model(procedure: Procedure[Any]) -> type[ProcedureTable]:
         extra.append(("planes", tuple[PlaneName, ...], ()))
     if procedure.inputs in IN_PAIRS:
         endings = [(key, str, ending) for key, ending in procedure.endings.items()]
-        pairs = make_dataclass("PairsTable", [*endings, ("table", str, "")], frozen=True)
+        pairs = make_dataclass("PairsTable", [*endings, ("table", Path | None, None)], frozen=True)
         extra.append(("pairs", pairs, field(default_factory=pairs)))
     return make_dataclass("ProcedureFile", extra, bases=(ProcedureTable,), frozen=True, kw_only=True)
 

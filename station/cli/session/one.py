@@ -31,12 +31,10 @@ if TYPE_CHECKING:
 def session_show(name: str, root: Path, check: bool, strict: bool, as_json: bool) -> None:
     """Show the content of SESSION, a folder or a name in --sessions."""
     from station.common.sanitise import printable
-    from station.sessions.reader import read_session, unknown_files
+    from station.sessions.reader import unknown_files
 
-    record = read_session(find_session(name, root))
+    record = _read(find_session(name, root))
     click.echo(json.dumps(record.record(), indent=1) if as_json else _words(record))
-    for words in record.oddities:
-        log("odd", words, level="warning")
     for file in unknown_files(record.folder, record.state):
         log("unknown", f"{printable(file)} is not in the journal", level="warning")
     if check:
@@ -55,6 +53,16 @@ def session_show(name: str, root: Path, check: bool, strict: bool, as_json: bool
         count = sum(not shot.lost for shot in record.state.shots)
         log("checked", f"all {count} photographs and all results are unchanged", photographs=count)
     check_strict([result.verdict for result in record.state.results[-1:]], strict=strict)
+
+
+def _read(folder: Path) -> SessionRecord:
+    """The session in a folder, with a warning for every irregularity of its journal."""
+    from station.sessions.reader import read_session
+
+    record = read_session(folder)
+    for words in record.oddities:
+        log("odd", words, level="warning")
+    return record
 
 
 def _words(record: SessionRecord) -> str:
@@ -140,10 +148,9 @@ DIFFERENT = 1
 def session_recompute(name: str, root: Path, numbers: tuple[int, ...], strict: bool, as_json: bool) -> None:
     """Recompute the results of SESSION from its photographs and journal, and compare every byte."""
     from station.guide.recompute import recompute
-    from station.sessions.reader import read_session
 
-    results = []
-    for one in awaited("recomputing", recompute(folder := find_session(name, root), numbers)):
+    results, state = [], _read(folder := find_session(name, root)).state
+    for one in awaited("recomputing", recompute(folder, numbers)):
         results.append(one)
         _report_recomputed(one)
     if not results:
@@ -154,7 +161,7 @@ def session_recompute(name: str, root: Path, numbers: tuple[int, ...], strict: b
     if not all(one.identical for one in results):
         raise click.exceptions.Exit(DIFFERENT)
     if strict:
-        verdicts = {result.folder: result.verdict for result in read_session(folder).state.results}
+        verdicts = {result.folder: result.verdict for result in state.results}
         check_strict([verdicts[one.result] for one in results], strict=strict)
 
 
@@ -232,10 +239,9 @@ def session_report(
     from station.guide.session_report import certificate_files, overlaid_page, session_page
     from station.reports.report import PAGE
     from station.results.overlay import read_overlay
-    from station.sessions.reader import read_session
 
     folder, others, details = find_session(name, root), [read_overlay(path) for path in overlays], details_of(given)
-    path = out or folder / PAGE
+    path, state = out or folder / PAGE, _read(folder).state
     with progress(1) as shown:
         shown("drawing the report", 0)
         page = overlaid_page(folder, others) if others else session_page(folder)
@@ -244,4 +250,4 @@ def session_report(
     for name, data in certificate_files(folder, details=details).items() if details else ():
         write_whole(path.parent / name, data)
         log("written", f"wrote {path.parent / name}", path=str(path.parent / name))
-    check_strict([result.verdict for result in read_session(folder).state.results[-1:]], strict=strict)
+    check_strict([result.verdict for result in state.results[-1:]], strict=strict)

@@ -68,6 +68,8 @@ def test_auto_and_numbers_are_what_s_and_k_can_be(procedure_file):
         ("parameters = { s = true }", "parameters.s must be a whole number", "correct"),
         ("chart = { seed = 1, bits = 'x.pgm' }", "from its cells or from its seed", "one of them"),
         ("chart = { bits = 'a\\u0000b' }", "chart.bits", "correct"),
+        ('specification = "a\\u0000b"', "specification must be a path", "correct"),
+        ('procedure = "two-photo"\npairs = { table = "a\\u0000b" }', "pairs.table must be a path", "correct"),
         ("trust_typed = 1", "trust_typed must be true or false; it is 1", "write trust_typed = true"),
         ('raw = "8x6,RGGB"', "samples must have five or three parts", "as 1920x1080"),
         ("optics = { f_number = 0 }", "optics.f_number must be a number at least 0.1", "correct"),

@@ -148,7 +148,9 @@ def test_altered_photographs_are_found_first_and_the_report_is_complete(folder):
     with pytest.raises(Damaged, match="missing or changed"):
         list(recompute(folder))
     path.write_bytes(whole)
-    run("session", "report", folder)
+    head = (folder / "journal.head").rename(folder / "set-aside")
+    assert "warning: journal.head is missing" in run("session", "report", folder).stderr
+    head.rename(folder / "journal.head")
     page = (folder / "report.html").read_text()
     assert "&lt;script&gt;alert(1)&lt;/script&gt;{{ 7 * 7 }}" in page
     assert "&lt;b&gt;a trial&lt;/b&gt;" in page
