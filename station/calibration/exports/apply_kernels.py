@@ -49,6 +49,8 @@ def read(path: str) -> tuple[np.ndarray, int]:
         picture = np.load(path, allow_pickle=False)
         if not (picture.dtype.kind == "f" or (picture.dtype.kind == "u" and picture.dtype.itemsize <= 2)):
             sys.exit(f"numbers must be floating-point or unsigned of 8 or 16 bits; {path} has {picture.dtype}")
+        if not np.isfinite(picture).all():
+            sys.exit(f"numbers must be finite; {path} has others")
         white = 0 if picture.dtype.kind == "f" else np.iinfo(picture.dtype).max
         return picture.reshape(*picture.shape[:2], -1).astype(float), white
     with open(path, "rb") as file:
@@ -102,4 +104,7 @@ def main(arguments: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    try:
+        main(sys.argv[1:])
+    except (OSError, ValueError) as error:
+        sys.exit(f"files must be readable and writable pictures; {error}")

@@ -49,12 +49,15 @@ def _python(tiles: KernelTiles, source: str) -> tuple[str, str]:
 SHELL = """\
 #!/bin/sh
 # Inverse filters of {source}, for pictures of {columns} x {rows} pixels.
-# Usage: sh THIS IN OUT [srgb]     srgb: IN is encoded by the curve of sRGB; otherwise its values are linear in light.
+# Usage: sh THIS IN OUT [srgb|linear]     srgb: IN is encoded by the curve of sRGB; otherwise it is linear in light.
 set -e
 magick=$(command -v magick || command -v convert)
-[ "$#" -ge 2 ] || {{ sed -n 2,3p "$0" >&2; exit 2; }}
+case "$#${{3-linear}}" in
+  [23]linear) to= back= ;;
+  3srgb) to="-colorspace RGB -set colorspace sRGB" back="-set colorspace RGB -colorspace sRGB" ;; # as masks are
+  *) sed -n 2,3p "$0" >&2; exit 2 ;;
+esac
 t=$(mktemp -d); trap 'rm -rf "$t"' EXIT
-if [ "$3" = srgb ]; then to="-colorspace RGB" back="-colorspace sRGB"; else to= back=; fi
 "$magick" "$1" -alpha off $to -depth 16 "$t/in.mpc"
 size=$("$magick" identify -format '%wx%h' "$t/in.mpc" 2>/dev/null || identify -format '%wx%h' "$t/in.mpc")
 [ "$size" = {columns}x{rows} ] || {{ echo "a picture of {columns}x{rows} pixels is required; got $size" >&2; exit 2; }}

@@ -10,6 +10,7 @@ import pytest
 from scipy.ndimage import convolve
 
 from procedures.correction.kernel_tiles import kernel_tiles
+from procedures.reading.development import named_curve
 from station.calibration.exports.kernels import export_kernels
 from tests.procedures.correction.lens_photographs import Sensor, blurred, kernels_over
 from tests.procedures.correction.small_lens import RIM, SmallLens, scene
@@ -102,10 +103,12 @@ def test_the_python_file_refuses_files_that_it_cannot_read_or_write(tmp_path, ti
     (tmp_path / "short.ppm").write_bytes(b"P6\n160 128\n255\n" + bytes(100))
     (tmp_path / "empty.ppm").write_bytes(b"")
     np.save(tmp_path / "float.npy", np.zeros((128, 160, 3)))
+    np.save(tmp_path / "nan.npy", np.full((128, 160, 3), np.nan))
     np.save(tmp_path / "signed.npy", np.zeros((128, 160, 3), np.int64))
     for name, words in (
         ("plain.ppm", "has no header of P5 or P6"), ("empty.ppm", "has no header of P5 or P6"),
         ("short.ppm", "is truncated"), ("float.npy", "floating-point numbers are written as .npy"),
+        ("nan.npy", "numbers must be finite"), ("none.ppm", "must be readable and writable pictures"),
         ("signed.npy", "must be floating-point or unsigned of 8 or 16 bits"),
     ):  # fmt: skip
         command = [sys.executable, "-I", program, tmp_path / name, tmp_path / "out.ppm"]
@@ -116,17 +119,28 @@ def test_the_python_file_refuses_files_that_it_cannot_read_or_write(tmp_path, ti
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("curve", ["linear", "srgb"])
 @pytest.mark.skipif(shutil.which("sh") is None, reason="a shell script")
-def test_imagemagick_applies_the_filters(tmp_path, picture, tiles, expected):
+def test_imagemagick_applies_the_filters(tmp_path, picture, tiles, expected, curve):
     magick = shutil.which("magick") or shutil.which("convert")
     version = subprocess.run([magick, "-version"], capture_output=True, text=True, check=False) if magick else None
     if version is None or "ImageMagick" not in version.stdout:
         pytest.skip("ImageMagick is not installed")
-    made = applied(tmp_path, picture, tiles, "imagemagick", ["sh", "THIS", "IN", "OUT"])
-    # filters of five digits, and six roundings to 16 bit; it clips each of the four results that are blended
+    levels = np.rint(WHITE * named_curve(curve).encoded(picture / WHITE)).astype(np.uint16)
+    made = applied(tmp_path, levels, tiles, "imagemagick", ["sh", "THIS", "IN", "OUT", curve])
+    made = WHITE * named_curve(curve).decoded(made / WHITE)
+    # filters of five digits, and eight roundings to 16 bit; it clips each of the four results that are blended
     unclipped = (expected > 0.02 * WHITE) & (expected < 0.98 * WHITE)
-    assert np.percentile(np.abs(made - expected)[unclipped], 99) < 4
+    assert np.percentile(np.abs(made - expected)[unclipped], 99) < 6
     assert np.median(np.abs(made - expected)) < 1
+
+
+@pytest.mark.skipif(shutil.which("sh") is None, reason="a shell script")
+@pytest.mark.parametrize("words", [["IN"], ["IN", "OUT", "sRGB"], ["IN", "OUT", "srgb", "more"]])
+def test_the_shell_script_refuses_words_that_it_does_not_know(tmp_path, tiles, words):
+    (tmp_path / "this.sh").write_bytes(export_kernels(tiles, "imagemagick", "Bench One").data)
+    done = subprocess.run(["sh", tmp_path / "this.sh", *words], capture_output=True, text=True, check=False)
+    assert (done.returncode, "Usage: sh THIS IN OUT [srgb|linear]" in done.stderr) == (2, True)
 
 
 @pytest.mark.slow
