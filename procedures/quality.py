@@ -53,7 +53,7 @@ STEPS_PER_CYCLE = 50  # frequencies of the curves per cycle/pixel
 KNOTS = slice(5, None, 5)
 """Frequencies of the curves at which uncertainty budgets are computed; in between they are interpolated."""
 STEP = 0.005  # half the interval around a crossing over which a curve's slope is taken, in cycles per pixel
-SUM_TOLERANCE = 0.01  # of the sum of the samples
+SUM_TOLERANCE = 0.1  # of the sum of the samples, which noise changes
 DIRECTIONS = 16  # directions of the radial mean over half a turn, a multiple of four
 NARROW_BANDS = (0.67, 0.75, 0.85)
 """Shares of the band with which a number is computed again: half of the largest change is its uncertainty by missing

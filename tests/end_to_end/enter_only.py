@@ -12,7 +12,9 @@ from simulators.bench.view import View
 from station.app.app import StationApp
 from station.app.commands import NewSession
 from station.app.screens.guide import GuideScreen
+from station.app.screens.parts import MIN_READ_S
 from station.cli.guide import Watched
+from station.guide.frontend import CONSENTS
 from station.guide.workspace import StationLab
 from station.sessions.reader import read_session
 from tests.benchmarks import processor_s
@@ -157,5 +159,7 @@ async def _press_enter_until_rest(app: StationApp) -> tuple[Prompts, str]:
                     break
             if guide is None or guide.answers.open:
                 await pilot.press("enter")
+                if asked is not None and asked.key in CONSENTS:  # keys in quick succession never consent
+                    await pilot.pause(1.25 * MIN_READ_S)
         pages.append(driver.text)
     return prompts, f"\n{'-' * 100}\n".join(pages)

@@ -14,7 +14,9 @@ from textual.pilot import Pilot
 from simulators.camera.sensor import Sensor
 from station.app.app import StationApp
 from station.app.screens.guide import GuideScreen
+from station.app.screens.parts import MIN_READ_S
 from station.guide.catalogue import plan_named
+from station.guide.frontend import CONSENTS
 from station.guide.workspace import StationLab
 from station.results.reader import find_results
 from tests.station.app.driving import WRITE, Driver
@@ -48,6 +50,8 @@ async def answer(app: StationApp, pilot: Pilot[int], guide: GuideScreen) -> None
     """Actions of an operator who reads the screen: Enter; a rough result suffices."""
     if "uncertainty of MTF50" in guide.answers.question:
         await pilot.press("end", *["backspace"] * 8, *"0.05")
+    if guide.answers._ask is not None and guide.answers._ask.key in CONSENTS:
+        await pilot.pause(1.25 * MIN_READ_S)  # a key that is held down does not consent
     await pilot.press("enter")
 
 

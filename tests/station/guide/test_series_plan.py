@@ -49,7 +49,7 @@ def test_the_ring_is_turned_step_by_step_to_the_sharpest():
         number = {"value": 1 / (1.6 + 0.2 * (step - 0.4) ** 2), "uncertainty": 0.004, "unit": "cycles/pixel"}
         numbers = {"mtf50_horizontal": number, "mtf50_vertical": number}
         plane = SimpleNamespace(verdict="pass", numbers=numbers)
-        return SimpleNamespace(noted={"focus_steps": step}, planes={"G1": plane})
+        return SimpleNamespace(sha256=(), noted={"focus_steps": step}, planes={"G1": plane})
 
     (best,) = best_focuses(points_of([row(step) for step in series.RING]))
     assert best.peak.place == pytest.approx(0.4, abs=1e-6)
