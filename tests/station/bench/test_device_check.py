@@ -1,4 +1,3 @@
-
 """Wrong station.toml files: each refused with key, value, line and remedy, in words that are not Python's."""
 
 import re
