@@ -43,6 +43,14 @@ def test_noise_and_inaccurate_masks_are_no_motion(photographs, masks_err, moved)
     assert not moved_objects(residual_of(photographs, masks_err, moved), photographs, NOISE).any()
 
 
+def test_a_residual_of_the_outermost_column_is_no_motion(photographs):
+    residual = 5 * residual_of(photographs, 0.0, 0.0)
+    residual[..., 0] = 0.07
+    assert not moved_objects(residual, photographs, NOISE).any()
+    residual[..., :8] = residual[..., :1]
+    assert moved_objects(residual, photographs, NOISE).any()
+
+
 @pytest.mark.slow
 def test_a_moved_object_is_named_as_the_reason(vibrating):
     # the part at x 40 to 70, y 20 to 50 of photograph 1 is from another scene in photograph 2
