@@ -52,8 +52,10 @@ def guarded(
             yield
             if ended:  # Python ignores errors in the finalizer in which the signal was heard
                 raise SystemExit(terminated)
-        except BaseException:
+        except BaseException as error:
             emergency_stop()
+            if ended:  # what a signal interrupts may fail otherwise, as a lock that is not held again yet
+                raise SystemExit(terminated) from error
             raise
 
 
