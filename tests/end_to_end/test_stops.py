@@ -7,6 +7,7 @@ import signal
 import pytest
 
 from simulators.bench.bench import Setup, SimulatedBench
+from station.common.stop_signals import guarded
 from tests.benchmarks import stops
 from tests.end_to_end.conftest import on_ports
 
@@ -22,6 +23,18 @@ def bench(tmp_path):
     on_ports(bench, tmp_path)
     yield bench
     bench.close()
+
+
+def test_an_error_in_what_a_signal_interrupts_leaves_the_exit_code():
+    def interrupted():
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        except SystemExit:
+            raise RuntimeError("cannot release un-acquired lock") from None
+
+    with pytest.raises(SystemExit) as ended, guarded(lambda: None, lambda: None):
+        interrupted()
+    assert ended.value.code == 3
 
 
 # each of them within this process: tests/station/bench/test_opening.py
