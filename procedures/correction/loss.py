@@ -80,8 +80,11 @@ def field_error(
 
 
 def _weight(responses: Spectrum, parameters: Array, density: float, stiff: Array, power: Array) -> Array:
-    """Weights (p, p) of a covariance of the PSF's parameters, whose sum is the mean square error of a filter applied to
-    a picture of power (F,); responses : (p, F) derivatives of the transfer function, not normalised."""
+    """Weights (p, p): the sum of their products with a covariance of the PSF's parameters is the mean square error of a
+    filter applied to a picture of power (F,).
+
+    responses : (p, F) derivatives of the transfer function, not normalised
+    """
     H = (parameters.astype(np.float32) @ responses.view(np.float32)).view(np.complex64)
     light = H[0].real
     H /= light

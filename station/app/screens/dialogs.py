@@ -88,7 +88,7 @@ def paragraphs_of(markdown: str) -> list[str]:
 class Choose(Dialog):
     """A question with a few answers; gives the index of the chosen one.
 
-    moves : whether an answer starts a movement: by Enter alone, and an emergency stop closes such a question
+    moves : whether an answer starts a movement; then only Enter answers, and an emergency stop closes the question
     """
 
     def __init__(self, question: str, answers: Sequence[str], *, moves: bool = False) -> None:
